@@ -1,0 +1,64 @@
+//! Drives `vision` over an acquisition, wherever its frames come from.
+
+pub mod acquisition;
+pub mod inspect;
+pub mod progress;
+pub mod results;
+pub mod source;
+pub mod train;
+
+pub use acquisition::{Acquisition, AcquisitionError, RopeFile};
+pub use inspect::{InspectOptions, inspect};
+pub use progress::{Progress, ProgressReport};
+pub use source::{FrameFiles, FrameSource, SourceError};
+pub use train::{TrainOptions, TrainReport, train};
+
+use std::path::PathBuf;
+
+/// Why a run of the pipeline ended without a result.
+#[derive(Debug, thiserror::Error)]
+pub enum PipelineError {
+    /// A frame could not be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The acquisition itself is not usable.
+    #[error(transparent)]
+    Acquisition(#[from] AcquisitionError),
+    /// The model was learnt from another construction than the rope of this acquisition.
+    #[error("the model was trained on {model}, but this acquisition shows {acquisition}: use a model of this rope")]
+    ModelOfAnotherRope {
+        /// The construction that the model knows, such as `6x9, 32 mm, 4 views`.
+        model: String,
+        /// The construction of the acquisition.
+        acquisition: String,
+    },
+    /// A file is not a model, or a damaged one.
+    #[error("{path} is not a usable appearance model: {reason}")]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// There is too little aligned rope to learn from.
+    #[error(
+        "only {aligned_m:.2} m of the range could be aligned, but training needs at least {needed_m} m: widen --from-m/--to-m"
+    )]
+    TooLittleRope {
+        /// Metres that were aligned.
+        aligned_m: f64,
+        /// Metres that are needed.
+        needed_m: f64,
+    },
+    /// The results could not be written.
+    #[error("cannot write {path}: {source}")]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The cause.
+        source: std::io::Error,
+    },
+    /// The caller asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+}

@@ -1,0 +1,140 @@
+//! The tables of an inspection and the results folder that holds them (design: lay lengths, displacement, line scores, defects, summary).
+
+use serde::{Deserialize, Serialize};
+
+/// One stretch of rope as one view saw it, or all views together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LayLengthRow {
+    /// The view; `None` for the estimate fused over all views.
+    pub view: Option<usize>,
+    /// First line of the stretch.
+    pub first_line: usize,
+    /// Last line of the stretch.
+    pub last_line: usize,
+    /// Rope metre of the middle line.
+    pub position_m: f64,
+    /// Strand lay length in mm, signed; `None` if it could not be estimated.
+    pub strand_lay_mm: Option<f64>,
+    /// Its standard deviation in mm.
+    pub strand_lay_sd_mm: Option<f64>,
+    /// Phase of strand 0 at the middle line in rad, rope axes.
+    pub strand_phase_rad: Option<f64>,
+    /// Agreement of contours and model, 1 is perfect (eq. 13, mean of both contours).
+    pub strand_score: Option<f64>,
+    /// Rope diameter in mm, where contours allow it.
+    pub diameter_mm: Option<f64>,
+    /// One entry a strand.
+    pub wires: Vec<WireEstimate>,
+    /// Why estimates are absent; `None` when nothing is.
+    pub reason: Option<String>,
+}
+
+/// The wires of one strand over a stretch.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct WireEstimate {
+    /// Wire lay length in mm, signed, against the fixed axes.
+    pub lay_mm: Option<f64>,
+    /// Its standard deviation in mm.
+    pub lay_sd_mm: Option<f64>,
+    /// Phase of wire 0 at the middle line in rad.
+    pub phase_rad: Option<f64>,
+    /// Agreement of image and model, 1 is perfect (eq. 14).
+    pub score: Option<f64>,
+}
+
+/// A run of lines of one view under the threshold.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AlarmRow {
+    /// The view.
+    pub view: usize,
+    /// First line.
+    pub first_line: usize,
+    /// Last line.
+    pub last_line: usize,
+    /// First column.
+    pub first_column: usize,
+    /// Last column.
+    pub last_column: usize,
+    /// Highest line score in it.
+    pub peak_score: f64,
+}
+
+/// Alarms of one cause, merged over lines, wires and views.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DefectRow {
+    /// Number within the inspection, from 0, along the rope.
+    pub id: usize,
+    /// Rope metre where it begins.
+    pub from_m: f64,
+    /// Rope metre where it ends.
+    pub to_m: f64,
+    /// Strand, if it is known.
+    pub strand: Option<usize>,
+    /// Wire in the strand, if it is known.
+    pub wire: Option<usize>,
+    /// Highest line score of its alarms.
+    pub peak_score: f64,
+    /// Its alarms.
+    pub alarms: Vec<AlarmRow>,
+}
+
+/// A stretch of a view that was not inspected. Not covered is not intact.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NotCovered {
+    /// The view.
+    pub view: usize,
+    /// Rope metre where it begins.
+    pub from_m: f64,
+    /// Rope metre where it ends.
+    pub to_m: f64,
+    /// Why.
+    pub reason: String,
+}
+
+/// The threshold that decided, and where it came from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Threshold {
+    /// Lines with a score above it are alarms.
+    pub line_score: f64,
+    /// How it was found, such as `held-back intact rope, 2 false defects per 100 m`.
+    pub origin: String,
+}
+
+/// `summary.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Program version.
+    pub ropescope_version: String,
+    /// Name of the model that was used, if any.
+    pub model: Option<String>,
+    /// Construction of the rope.
+    pub construction: String,
+    /// Number of lines of the longest view.
+    pub lines: usize,
+    /// Metres of rope in the acquisition.
+    pub metres: f64,
+    /// Metres times views that were inspected (aligned, if there was no model).
+    pub covered_view_m: f64,
+    /// Metres times views that were not, with reasons.
+    pub not_covered: Vec<NotCovered>,
+    /// The threshold; `None` without a model.
+    pub threshold: Option<Threshold>,
+    /// Number of defects; `None` without a model.
+    pub defects: Option<usize>,
+    /// Wall-clock seconds of the run.
+    pub seconds: f64,
+    /// Metres of rope (all views) per second.
+    pub metres_per_second: f64,
+    /// What else a person should know, as sentences.
+    pub notes: Vec<String>,
+}
+
+/// How per-line scores are stored in the results folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LineScoreFormat {
+    /// `line_scores.csv` (`view,line,score`).
+    #[default]
+    Csv,
+    /// `line_scores_view{v}.f32`: little-endian f32 a line, NaN where the line was not inspected. Random access for services.
+    Binary,
+}
