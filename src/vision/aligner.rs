@@ -16,6 +16,7 @@ use super::stretch::{
     Reference, StrandKnots, ViewModel, ViewStretch, axis_corrections_px, fuse, register_views, strand_knots,
 };
 use super::template::TemplateSums;
+use super::wire_pattern::{PatternSums, WirePattern};
 use super::unwrapping::{LINE_STRIDE, StripeTable, Stripes, read_stripes};
 use super::wire_tracking::{Grid, StripeShift, WirePrediction, readings, wire_knots};
 use rayon::prelude::*;
@@ -123,6 +124,7 @@ impl Measured {
 pub(super) struct Views {
     pub models: Vec<ViewModel>,
     pub sums: Vec<TemplateSums>,
+    pub pattern_sums: Vec<PatternSums>,
     pub shifts: Vec<StripeShift>,
     pub wire_noise_scale: f64,
     pub table: StripeTable,
@@ -316,7 +318,7 @@ impl Aligner {
         }
         self.lost = 0;
         let before: Vec<&Measured> = self.window.iter().collect();
-        measure(&self.spec, views, &mut seen, &before);
+        measure(&self.spec, views, &mut seen, &before, &self.wires);
         learn_template(&self.spec, views, &seen);
         measure_wires(&self.spec, views, &mut seen, &self.wires);
         let window: Vec<&Measured> = before.into_iter().chain([&seen]).collect();
@@ -401,11 +403,25 @@ impl AlignerSpec {
 }
 
 /// Measures each strand's course through a stretch that was fitted: two rounds of registration.
-pub(super) fn measure(spec: &AlignerSpec, views: &mut Views, seen: &mut Measured, before: &[&Measured]) {
+///
+/// `wires` are where the wires are expected; their pattern is taken out of the image where it is known.
+pub(super) fn measure(
+    spec: &AlignerSpec,
+    views: &mut Views,
+    seen: &mut Measured,
+    before: &[&Measured],
+    wires: &[Option<WirePrediction>],
+) {
     let Ok(fit) = seen.fit else { return };
     let rope = &spec.rope;
     let n = rope.strands();
     let mut reference = Reference::straight(&fit, rope, seen.lines, spec.pitch_mm, spec.knot_lines);
+    let middle_mm = (seen.first_line as f64 + (seen.lines as f64 - 1.0) / 2.0) * spec.pitch_mm;
+    for (wire, prediction) in reference.wires.iter_mut().zip(wires) {
+        if let Some(prediction) = prediction {
+            *wire = (prediction.at(middle_mm), prediction.rate_rad_per_mm);
+        }
+    }
     for (view, model) in seen.views.iter_mut().zip(&views.models) {
         if view.image.lines() > 0 && view.contours.found() >= LEAST_FOUND {
             view.set_axis(model, rope, &reference);
@@ -503,6 +519,35 @@ pub(super) fn learn_template(spec: &AlignerSpec, views: &mut Views, seen: &Measu
                 model.template = Some(template);
             }
         }
+    });
+}
+
+/// Adds a stretch whose wires were measured to the wire patterns.
+pub(super) fn learn_pattern(spec: &AlignerSpec, views: &mut Views, seen: &Measured, courses: &[Option<Course>], first_knot: usize) {
+    let Some(reference) = &seen.reference else { return };
+    let grid = seen.grid(spec);
+    let wires_at = |line: usize, out: &mut [f64]| {
+        let knot = (line / spec.knot_lines).min(grid.knots - 1);
+        let off_mm = (seen.first_line + line) as f64 * spec.pitch_mm - grid.knot_mm(knot);
+        for (phase, course) in out.iter_mut().zip(courses) {
+            let at = first_knot + knot;
+            *phase = course.as_ref().map_or(f64::NAN, |c| c.phase_rad(at) + c.rate_rad_per_mm(at) * off_mm);
+        }
+    };
+    views.models.par_iter().zip(&mut views.pattern_sums).zip(&seen.views).for_each(|((model, sums), view)| {
+        if let (Some(template), true) = (&model.template, view.usable()) {
+            sums.add(&spec.rope, template, model.camera.angle_rad, &view.image, &view.axis_px, LINE_STRIDE, |line, strands, wires| {
+                reference.phases_rad(&spec.rope, line, strands);
+                wires_at(line, wires);
+            });
+        }
+    });
+}
+
+/// Renews the wire patterns from what was learnt.
+pub(super) fn renew_patterns(spec: &AlignerSpec, views: &mut Views) {
+    views.models.par_iter_mut().zip(&views.pattern_sums).for_each(|(model, sums)| {
+        model.pattern = model.template.as_ref().map(|template| WirePattern::new(&spec.rope, template, sums));
     });
 }
 

@@ -1,8 +1,10 @@
 //! Finds a rope in a few gathered stretches: strands by their contours, then camera, template, each strand's course, wires.
 
 use super::aligner::{
-    AlignerSpec, Measured, Views, fit_from, measure, measure_wires, predict_wires, strand_courses, wire_courses,
+    AlignerSpec, Measured, Views, fit_from, learn_pattern, measure, measure_wires, predict_wires, renew_patterns, strand_courses,
+    wire_courses,
 };
+use super::estimates::measured_rate;
 use super::camera::Camera;
 use super::camera_distance::{ContourHarmonics, DEFAULT_DISTANCE_DIAMETERS, estimate};
 use super::model_contour::ModelContour;
@@ -10,6 +12,7 @@ use super::smoothing::{Course, Measurement};
 use super::stretch::{Reference, ViewModel, fuse};
 use super::template::{Template, TemplateSums};
 use super::unwrapping::{FACETS, LINE_STRIDE, Stripe, StripeTable, search_rate, turned_sum};
+use super::wire_pattern::PatternSums;
 use super::wire_tracking::{ShiftSums, StripeShift, WirePrediction, searched_rates};
 use std::f64::consts::TAU;
 
@@ -33,6 +36,7 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
         Some(views) => views,
         None => first_views(spec, gathered),
     };
+    let unknown = vec![None; spec.rope.strands()];
     let mut spec_now = spec.clone();
     fit_all(&spec_now, &views.models, gathered)?;
     if views.models.iter().all(|m| m.template.is_none()) {
@@ -47,13 +51,22 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
             first_templates(spec, &mut views, gathered);
         }
         for _ in 0..ROUNDS {
-            measure_all(spec, &mut views, gathered);
+            measure_all(spec, &mut views, gathered, &|_| unknown.clone());
             first_templates(spec, &mut views, gathered);
         }
-        measure_all(spec, &mut views, gathered);
-        calibrate_strands(spec, &mut views, gathered);
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        lock_wires(spec, &mut views, gathered);
+        // With the wires known, their pattern is learnt and taken out, and everything is measured again.
+        for _ in 0..ROUNDS {
+            let predictions = learn_patterns(spec, &mut views, gathered);
+            measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+            calibrate_strands(spec, &mut views, gathered);
+        }
+        let predictions = learn_patterns(spec, &mut views, gathered);
+        measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+    } else {
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
     }
-    measure_all(spec, &mut views, gathered);
     let wires = lock_wires(spec, &mut views, gathered);
     Some(Lock { views, wires })
 }
@@ -69,6 +82,7 @@ fn first_views(spec: &AlignerSpec, gathered: &[Measured]) -> Views {
         .collect::<Vec<_>>();
     Views {
         sums: models.iter().map(|_| TemplateSums::new(spec.width_px)).collect(),
+        pattern_sums: models.iter().map(|_| PatternSums::new(spec.width_px)).collect(),
         shifts: models.iter().map(|_| StripeShift::default()).collect(),
         models,
         wire_noise_scale: 1.0,
@@ -95,7 +109,7 @@ fn view_model(spec: &AlignerSpec, gathered: &[Measured], v: usize, angle_rad: f6
         middle.iter().map(|&w| f64::from(w)).sum::<f64>() / middle.len() as f64
     };
     let camera = Camera { angle_rad, distance_mm, px_per_mm: width_px / unit.mean_width_px() };
-    ViewModel { camera, contour: ModelContour::new(&spec.rope, &camera), template: None, noise_scale: 1.0 }
+    ViewModel { camera, contour: ModelContour::new(&spec.rope, &camera), template: None, pattern: None, noise_scale: 1.0 }
 }
 
 /// Fits every stretch: the best on its own, the others outward from it. `None` if not one can be fitted.
@@ -183,11 +197,17 @@ fn wrong_hand(views: &Views) -> bool {
     slants.iter().sum::<f64>() > 0.0
 }
 
-fn measure_all(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) {
+/// Measures every stretch; `wires(k)` are those expected in stretch k.
+fn measure_all(
+    spec: &AlignerSpec,
+    views: &mut Views,
+    gathered: &mut [Measured],
+    wires: &dyn Fn(usize) -> Vec<Option<WirePrediction>>,
+) {
     for k in 0..gathered.len() {
         let (before, rest) = gathered.split_at_mut(k);
         let before: Vec<&Measured> = before.iter().rev().take(2).rev().collect();
-        measure(spec, views, &mut rest[0], &before);
+        measure(spec, views, &mut rest[0], &before, &wires(k));
     }
 }
 
@@ -285,6 +305,36 @@ fn lock_wires(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) 
         }
     }
     wires
+}
+
+/// Learns the wire patterns anew from all gathered stretches. Answers where the wires are in each: phase and rate about its middle.
+fn learn_patterns(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) -> Vec<Vec<Option<WirePrediction>>> {
+    let n = spec.rope.strands();
+    views.pattern_sums = views.models.iter().map(|_| PatternSums::new(spec.width_px)).collect();
+    let mut predictions = vec![vec![None; n]; gathered.len()];
+    let mut at = 0;
+    for (k, measured) in gathered.iter().enumerate() {
+        if measured.reference.is_none() {
+            at = k + 1;
+            continue;
+        }
+        let window: Vec<&Measured> =
+            gathered[at..].iter().take_while(|m| m.reference.is_some()).take(k + 2 - at).collect();
+        let courses = wire_courses(spec, &window, None, |j| measured_rate(spec, measured, j));
+        let first_knot: usize = gathered[at..k].iter().map(|m| m.knots(spec)).sum();
+        learn_pattern(spec, views, measured, &courses, first_knot);
+        let knots = measured.knots(spec);
+        let middle = first_knot + knots / 2;
+        for (prediction, course) in predictions[k].iter_mut().zip(&courses) {
+            *prediction = course.as_ref().map(|c| WirePrediction {
+                phase_rad: c.phase_rad(middle),
+                rate_rad_per_mm: c.slope_rad_per_mm(first_knot..first_knot + knots),
+                position_mm: measured.grid(spec).knot_mm(knots / 2),
+            });
+        }
+    }
+    renew_patterns(spec, views);
+    predictions
 }
 
 fn add_shifts(spec: &AlignerSpec, measured: &Measured, courses: &[Option<Course>], first_knot: usize, sums: &mut ShiftSums) {

@@ -21,4 +21,5 @@ pub mod surface;
 pub mod template;
 pub mod unwrapping;
 pub mod wire;
+pub mod wire_pattern;
 pub mod wire_tracking;

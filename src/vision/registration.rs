@@ -6,7 +6,12 @@
 
 use super::image::GrayImage;
 use super::rope::Rope;
+use super::contour::Contours;
+use super::model_contour::ModelContour;
+use super::surface::wrap_rad;
 use super::template::{Template, normalised_line, phase_bin};
+use super::wire_pattern::{WirePattern, mean_phase};
+use std::f64::consts::FRAC_PI_2;
 
 /// Every how many lines the image is registered: neighbouring lines tell nearly the same.
 pub const LINE_STRIDE: usize = 4;
@@ -32,24 +37,35 @@ pub struct KnotSums {
     pub squares: f64,
     /// Number of pixels.
     pub pixels: f64,
+    /// Per strand, from the contours: sum of (dc/dphase)^2 in px^2/rad^2.
+    pub contour_phase_phase: [f64; 8],
+    /// Per strand, from the contours: sum of dc/dphase * difference in px^2/rad.
+    pub contour_phase_difference: [f64; 8],
+    /// Sum of squared contour differences in px^2, their number, and the sum of products of neighbouring ones.
+    pub contour_squares: (f64, f64, f64),
 }
 
 /// Sums the normal equations of every knot of an image. `phases_rad(line, out)` gives the reference phases of all strands in
-/// rope axes; `axis_px[line]` the reference axis; knots are `knot_lines` long.
+/// rope axes; `wires_rad(line, out)` those of wire 0 of every strand (NaN where unknown), whose pattern is taken out first;
+/// `axis_px[line]` is the reference axis; knots are `knot_lines` long.
+#[expect(clippy::too_many_arguments, reason = "one pass over the image with all that is known of it")]
 pub fn register(
     rope: &Rope,
     template: &Template,
+    pattern: Option<&WirePattern>,
     angle_rad: f64,
     image: &GrayImage,
     axis_px: &[f32],
     knot_lines: usize,
     phases_rad: impl Fn(usize, &mut [f64]),
+    wires_rad: impl Fn(usize, &mut [f64]),
 ) -> Vec<KnotSums> {
     let width = template.width();
     let n = rope.strands();
     let mut knots = vec![KnotSums::default(); image.lines().div_ceil(knot_lines)];
     let mut line = vec![0.0f32; width];
     let mut phases = vec![0.0f64; n];
+    let mut wires = vec![f64::NAN; n];
     let step = rope.strand_step_rad();
     for k in (0..image.lines()).step_by(LINE_STRIDE) {
         if !normalised_line(image.line(k), axis_px[k], &mut line) {
@@ -57,8 +73,9 @@ pub fn register(
         }
         phases_rad(k, &mut phases);
         // The template is read at the mean phase; each strand's own reference enters as a known offset.
-        let mean = phases.iter().enumerate().map(|(j, p)| p - j as f64 * step).sum::<f64>() / n as f64;
+        let mean = mean_phase(rope, &phases);
         let bin = phase_bin(rope, mean - angle_rad);
+        wires_rad(k, &mut wires);
         let steps = (mean - angle_rad) / step;
         let in_bin = ((steps - steps.round() + 0.5) - (bin.row as f64 + 0.5) / super::template::PHASE_BINS as f64) * step;
         let sums = &mut knots[k / knot_lines];
@@ -69,9 +86,10 @@ pub fn register(
             }
             let j = (bin.nearest + span.strand) % n;
             let own = (phases[j] - j as f64 * step - mean + in_bin) as f32;
-            let middle = (width / 2) as f64;
-            let from = ((middle + span.from_px).ceil().max(0.0) as usize).min(width);
-            let to = ((middle + span.to_px).floor().max(0.0) as usize).clamp(from, width);
+            let (from, to) = template.columns(span);
+            if let (Some(pattern), false) = (pattern, wires[j].is_nan()) {
+                pattern.subtract(rope.wires(), bin.row, wires[j] - angle_rad, &mut line, from, to);
+            }
             let mut acc = [0.0f32; 6];
             for c in from..to {
                 let g = per_rad[c];
@@ -95,4 +113,49 @@ pub fn register(
         }
     }
     knots
+}
+
+/// Contours that are off by more than this, in px, are wire ends or dirt, and are cut.
+const CONTOUR_CUT_PX: f64 = 3.0;
+
+/// Adds what the contours know: each shows the strand that stands at its side. `sums` and phases as in [`register`].
+#[expect(clippy::too_many_arguments, reason = "as in `register`")]
+pub fn register_contours(
+    rope: &Rope,
+    model: &ModelContour,
+    angle_rad: f64,
+    contours: &Contours,
+    axis_px: &[f32],
+    knot_lines: usize,
+    phases_rad: impl Fn(usize, &mut [f64]),
+    sums: &mut [KnotSums],
+) {
+    let n = rope.strands();
+    let mut phases = vec![0.0f64; n];
+    let step = 1e-3;
+    let mut before = [0.0; 2];
+    for k in (0..contours.len()).step_by(LINE_STRIDE) {
+        phases_rad(k, &mut phases);
+        let knot = &mut sums[k / knot_lines];
+        let sides = [(contours.upper_px[k], FRAC_PI_2), (contours.lower_px[k], -FRAC_PI_2)];
+        for (side, (column, at_rad)) in sides.into_iter().enumerate() {
+            if !column.is_finite() {
+                before[side] = 0.0;
+                continue;
+            }
+            let distance = |j: usize| wrap_rad(phases[j] - angle_rad - at_rad).abs();
+            let Some(j) = (0..n).min_by(|&a, &b| distance(a).total_cmp(&distance(b))) else { continue };
+            let phase = phases[j] - angle_rad;
+            let outline = |p: f64| if side == 0 { model.upper_px(p) } else { model.lower_px(p) };
+            let slope = (outline(phase + step) - outline(phase - step)) / (2.0 * step);
+            let difference = f64::from(column - axis_px[k]) - outline(phase);
+            let cut = difference.clamp(-CONTOUR_CUT_PX, CONTOUR_CUT_PX);
+            knot.contour_phase_phase[j] += slope * slope;
+            knot.contour_phase_difference[j] += slope * cut;
+            knot.contour_squares.0 += cut * cut;
+            knot.contour_squares.1 += 1.0;
+            knot.contour_squares.2 += cut * before[side];
+            before[side] = cut;
+        }
+    }
 }

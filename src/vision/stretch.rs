@@ -7,11 +7,12 @@ use super::contour::Contours;
 use super::displacement::axis_course_px;
 use super::image::GrayImage;
 use super::model_contour::ModelContour;
-use super::registration::{KnotSums, register};
+use super::registration::{KnotSums, register, register_contours};
 use super::rope::Rope;
 use super::smoothing::Measurement;
 use super::strand_alignment::{ContourView, StrandAlignment};
 use super::template::Template;
+use super::wire_pattern::WirePattern;
 use std::f64::consts::TAU;
 
 /// Neighbouring pixels and lines share wires: so many registered pixels count as one independent one. Refined from residuals.
@@ -52,6 +53,8 @@ pub struct Reference {
     pub knot_lines: usize,
     /// `deviation_rad[knot * strands + j]`.
     pub deviation_rad: Vec<f64>,
+    /// Phase of wire 0 of every strand at the middle line in rad, and its rate in rad/mm; NaN where the wires are not known.
+    pub wires: Vec<(f64, f64)>,
 }
 
 impl Reference {
@@ -64,6 +67,7 @@ impl Reference {
             pitch_mm,
             knot_lines,
             deviation_rad: vec![0.0; lines.div_ceil(knot_lines) * rope.strands()],
+            wires: vec![(f64::NAN, f64::NAN); rope.strands()],
         }
     }
 
@@ -81,6 +85,14 @@ impl Reference {
     /// Number of knots.
     pub fn knots(&self) -> usize {
         self.lines.div_ceil(self.knot_lines)
+    }
+
+    /// Phases of wire 0 of all strands at a line; NaN where the wires are not known.
+    pub fn wires_rad(&self, line: usize, out: &mut [f64]) {
+        let off_mm = (line as f64 - (self.lines as f64 - 1.0) / 2.0) * self.pitch_mm;
+        for (phase, (middle, rate)) in out.iter_mut().zip(&self.wires) {
+            *phase = middle + rate * off_mm;
+        }
     }
 
     /// Phases of all strands at a line, deviations interpolated between the knots.
@@ -108,6 +120,8 @@ pub struct ViewModel {
     pub contour: ModelContour,
     /// Mean look of the strands; absent until learnt.
     pub template: Option<Template>,
+    /// What wires add to it; absent until they are tracked.
+    pub pattern: Option<WirePattern>,
     /// Factor on the registration's variance, found from residuals.
     pub noise_scale: f64,
 }
@@ -145,15 +159,18 @@ pub fn register_views(rope: &Rope, models: &[ViewModel], views: &[ViewStretch], 
         .par_iter()
         .zip(views)
         .map(|(model, view)| match (&model.template, view.usable()) {
-            (Some(template), true) => register(
-                rope,
-                template,
-                model.camera.angle_rad,
-                &view.image,
-                &view.axis_px,
-                reference.knot_lines,
-                |line, out| reference.phases_rad(rope, line, out),
-            ),
+            (Some(template), true) => {
+                let angle = model.camera.angle_rad;
+                let phases = |line: usize, out: &mut [f64]| reference.phases_rad(rope, line, out);
+                let wires = |line: usize, out: &mut [f64]| reference.wires_rad(line, out);
+                let (pattern, knot_lines) = (model.pattern.as_ref(), reference.knot_lines);
+                let mut sums =
+                    register(rope, template, pattern, angle, &view.image, &view.axis_px, knot_lines, phases, wires);
+                register_contours(
+                    rope, &model.contour, angle, &view.contours, &view.axis_px, knot_lines, phases, &mut sums,
+                );
+                sums
+            }
             _ => Vec::new(),
         })
         .collect()
@@ -174,24 +191,37 @@ pub fn strand_knots(
         .map(|(v, knots)| {
             let (squares, pixels) = knots.iter().fold((0.0, 0.0), |(s, p), k| (s + k.squares, p + k.pixels));
             let variance = (squares / pixels.max(1.0)).max(1e-6) * PIXELS_PER_INDEPENDENT * models[v].noise_scale;
+            let contour_variance = contour_variance_px2(knots);
             let mut measured = vec![Measurement::default(); reference.knots() * n];
             for (k, knot) in knots.iter().enumerate() {
                 let mean = reference.mean_phase_rad(reference.knot_middle(k));
                 for j in 0..n {
-                    if knot.phase_phase[j] <= 0.0 {
+                    let information =
+                        knot.phase_phase[j] / variance + knot.contour_phase_phase[j] / contour_variance;
+                    if information <= 0.0 {
                         continue;
                     }
-                    let step = (knot.phase_difference[j] - knot.phase_axis[j] * axis_correction_px[v][k]) / knot.phase_phase[j];
+                    let image = (knot.phase_difference[j] - knot.phase_axis[j] * axis_correction_px[v][k]) / variance;
+                    let step = (image + knot.contour_phase_difference[j] / contour_variance) / information;
                     let base = mean + j as f64 * rope.strand_step_rad() + reference.deviation_rad[k * n + j];
                     // One Gauss-Newton step is only good for small corrections; larger ones come over the rounds.
                     let step = step.clamp(-0.06, 0.06);
-                    measured[k * n + j] = Measurement { value_rad: base + step, information: knot.phase_phase[j] / variance };
+                    measured[k * n + j] = Measurement { value_rad: base + step, information };
                 }
             }
             measured
         })
         .collect();
     StrandKnots { views }
+}
+
+/// Variance of one contour reading in px^2, raised by what neighbouring readings share (as in a first-order autoregression).
+fn contour_variance_px2(knots: &[KnotSums]) -> f64 {
+    let (squares, count, products) = knots.iter().fold((0.0, 0.0, 0.0), |t, k| {
+        (t.0 + k.contour_squares.0, t.1 + k.contour_squares.1, t.2 + k.contour_squares.2)
+    });
+    let share = (products / f64::max(squares, 1e-9)).clamp(0.0, 0.95);
+    (squares / f64::max(count, 1.0)).max(0.01) * (1.0 + share) / (1.0 - share)
 }
 
 /// Correction of the axis per view and knot that the image asks for, given the strands' phases (`phases_rad[knot * strands + j]`),

@@ -183,6 +183,13 @@ impl Template {
         &self.spans[row]
     }
 
+    /// Columns of the template that a span covers.
+    pub fn columns(&self, span: &StrandSpan) -> (usize, usize) {
+        let middle = (self.width / 2) as f64;
+        let from = ((middle + span.from_px).ceil().max(0.0) as usize).min(self.width);
+        (from, ((middle + span.to_px).floor().max(0.0) as usize).clamp(from, self.width))
+    }
+
     /// Agreement of the pattern's movement with the phase in the middle of the rope, in [-1, 1]: strands on the near side move
     /// to larger columns as their phase grows, so -1 means that the hand is right and +1 that the lay has the other hand.
     pub fn slant(&self) -> f64 {
