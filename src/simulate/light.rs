@@ -45,8 +45,14 @@ pub struct WireLight {
 #[derive(Debug, Clone, Default)]
 pub struct Shadows {
     strands: Vec<(usize, f32, f32)>,
-    radius: f32,
+    /// Share of light per mm from the shadow's middle line.
+    soft: f32,
 }
+
+/// Shadows begin this far inside a strand's outline, as a share of light (negative) ...
+const SHADOW_START: f32 = -0.78 / 0.34;
+/// ... and this much light is left in them.
+const SHADOW_LEFT: f32 = 0.10;
 
 impl Lamps {
     /// The lamps of every camera head; `tilt` (about 1) differs a little from head to head.
@@ -91,8 +97,8 @@ impl Lamps {
             let h2 = h * h;
             let h4 = h2 * h2;
             let h8 = h4 * h4;
-            let h32 = h8 * h8 * h8 * h8;
-            highlight += strength * wire.along[k] * (0.30 * h8 + 0.55 * h32);
+            let h32 = h8 * h8 * (h8 * h8);
+            highlight += strength * wire.along[k] * (0.16 * h8 + 0.60 * h32);
         }
         openness * (0.55 * diffuse * coat.albedo + highlight * coat.gloss)
     }
@@ -101,7 +107,7 @@ impl Lamps {
 impl Shadows {
     /// Takes the strands of a cut.
     pub fn prepare(&mut self, rope: &Rope, cut: &CrossSection) {
-        self.radius = rope.strand_radius_mm() as f32;
+        self.soft = 1.0 / (0.34 * rope.strand_radius_mm() as f32);
         self.strands.clear();
         let near = cut.strands.iter().enumerate().filter(|(_, s)| s.z - cut.axis.1 < 0.6 * rope.strand_curve_radius_mm());
         self.strands.extend(near.map(|(j, s)| (j, s.y as f32, s.z as f32)));
@@ -119,7 +125,7 @@ impl Shadows {
                 let ahead = away[0] * lamp.in_cut[0] + away[1] * lamp.in_cut[1];
                 if ahead > 0.0 {
                     let beside = (away[0] * lamp.in_cut[1] - away[1] * lamp.in_cut[0]).abs();
-                    lit *= ((beside - 0.80 * self.radius) / (0.28 * self.radius)).clamp(0.12, 1.0);
+                    lit *= (beside * self.soft + SHADOW_START).clamp(SHADOW_LEFT, 1.0);
                 }
             }
             lit
