@@ -11,8 +11,8 @@ fn dot(a: Vector, b: Vector) -> f32 {
 }
 
 fn unit(v: Vector) -> Vector {
-    let length = dot(v, v).sqrt();
-    v.map(|c| c / length)
+    let shrink = 1.0 / dot(v, v).sqrt();
+    v.map(|c| c * shrink)
 }
 
 /// A lamp in the axes of the view: (along the rope, along the sensor, away from the camera).
@@ -91,9 +91,9 @@ impl Lamps {
         let mut diffuse = AMBIENT * (0.55 - 0.45 * n[2]);
         let mut highlight = 0.0;
         for (k, lamp) in self.0.iter().enumerate() {
-            let strength = lamp.strength * lit[k];
+            let strength = lit[k];
             diffuse += strength * dot(n, lamp.to_lamp).max(0.0);
-            let h = dot(n, lamp.halfway).max(0.0);
+            let h = dot(n, lamp.halfway).max(0.1); // not 0: powers must not become denormal
             let h2 = h * h;
             let h4 = h2 * h2;
             let h8 = h4 * h4;
@@ -113,10 +113,10 @@ impl Shadows {
         self.strands.extend(near.map(|(j, s)| (j, s.y as f32, s.z as f32)));
     }
 
-    /// How much of each lamp reaches a point of a strand, 0 to 1, with soft edges.
+    /// Strength of each lamp at a point of a strand, with soft shadows.
     pub fn lit(&self, lamps: &Lamps, strand: usize, point: [f32; 2]) -> [f32; 3] {
         lamps.0.map(|lamp| {
-            let mut lit = 1.0_f32;
+            let mut lit = lamp.strength;
             for &(j, y, z) in &self.strands {
                 if j == strand {
                     continue;
@@ -125,7 +125,7 @@ impl Shadows {
                 let ahead = away[0] * lamp.in_cut[0] + away[1] * lamp.in_cut[1];
                 if ahead > 0.0 {
                     let beside = (away[0] * lamp.in_cut[1] - away[1] * lamp.in_cut[0]).abs();
-                    lit *= (beside * self.soft + SHADOW_START).clamp(SHADOW_LEFT, 1.0);
+                    lit *= (beside * self.soft + SHADOW_START).max(SHADOW_LEFT).min(1.0);
                 }
             }
             lit
@@ -142,7 +142,8 @@ mod tests {
         let lamps = Lamps::new(1.0);
         let wire = lamps.on_wire(0.1, 0.0);
         let coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0 };
-        let gray = |angle: f32| lamps.shade(&wire, [angle.sin(), -angle.cos()], &coat, 1.0, [1.0; 3]);
+        let gray =
+            |angle: f32| lamps.shade(&wire, [angle.sin(), -angle.cos()], &coat, 1.0, [0.52, 0.44, 0.30]);
         assert!(gray(0.0) > 1.3 * gray(0.9) && gray(0.0) > 1.3 * gray(-0.9));
         assert!(gray(0.0) < 1.2 && gray(1.5) > 0.02);
     }
