@@ -161,7 +161,7 @@ impl LineFinish<'_> {
         let streak = self.streak.at(own ^ 3, place.arc_mm * 4.3) - 0.5;
         let grain = self.grain.at(own ^ 4, place.arc_mm * 2.9) - 0.5;
         let cover = smoothstep(0.25, 0.8, 0.55 * grime + 0.45 * patch);
-        let dirt = (f.dirt * (0.25 + 1.1 * cover) * (0.55 + 0.9 * place.valley)).min(0.92);
+        let dirt = (f.dirt * (0.15 + 1.35 * cover) * (0.55 + 0.9 * place.valley)).min(0.92);
         let mut coat = Coat {
             albedo: (1.0 - 0.7 * dirt) * (1.0 + 0.2 * streak + (0.1 + 0.35 * f.dirt) * grain),
             gloss: (1.0 - 0.85 * dirt) * (1.0 + 0.7 * streak + 0.3 * grain),
@@ -231,7 +231,8 @@ mod tests {
     #[test]
     fn dirt_makes_rope_darker_and_duller() {
         let mean = |dirt| {
-            let recipe = Recipe { dirt, oil_spots_per_m: 0.0, scratches_per_m: 0.0, water: 0.0, ..Recipe::photographic() };
+            let recipe =
+                Recipe { dirt, oil_spots_per_m: 0.0, scratches_per_m: 0.0, water: 0.0, ..Recipe::photographic() };
             let scene = Scene::new(&recipe, 6).unwrap();
             let coats = (0..2000).map(|k| scene.finish.at_line(f64::from(k)).coat(&place()));
             let (albedo, gloss) = coats.fold((0.0, 0.0), |sum, c| (sum.0 + c.albedo, sum.1 + c.gloss));

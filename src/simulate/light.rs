@@ -83,11 +83,7 @@ impl Lamps {
     /// Light from a point of a wire with normal (y, z) in the cut, relative to white paper facing the lamps.
     pub fn shade(&self, wire: &WireLight, normal: [f32; 2], coat: &Coat, openness: f32, lit: [f32; 3]) -> f32 {
         let lean = normal[0] * wire.tangent[1] + normal[1] * wire.tangent[2];
-        let n = unit([
-            -lean * wire.tangent[0],
-            normal[0] - lean * wire.tangent[1],
-            normal[1] - lean * wire.tangent[2],
-        ]);
+        let n = unit([-lean * wire.tangent[0], normal[0] - lean * wire.tangent[1], normal[1] - lean * wire.tangent[2]]);
         let mut diffuse = AMBIENT * (0.55 - 0.45 * n[2]);
         let mut highlight = 0.0;
         for (k, lamp) in self.0.iter().enumerate() {
@@ -109,7 +105,8 @@ impl Shadows {
     pub fn prepare(&mut self, rope: &Rope, cut: &CrossSection) {
         self.soft = 1.0 / (0.34 * rope.strand_radius_mm() as f32);
         self.strands.clear();
-        let near = cut.strands.iter().enumerate().filter(|(_, s)| s.z - cut.axis.1 < 0.6 * rope.strand_curve_radius_mm());
+        let near =
+            cut.strands.iter().enumerate().filter(|(_, s)| s.z - cut.axis.1 < 0.6 * rope.strand_curve_radius_mm());
         self.strands.extend(near.map(|(j, s)| (j, s.y as f32, s.z as f32)));
     }
 
@@ -142,8 +139,7 @@ mod tests {
         let lamps = Lamps::new(1.0);
         let wire = lamps.on_wire(0.1, 0.0);
         let coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0 };
-        let gray =
-            |angle: f32| lamps.shade(&wire, [angle.sin(), -angle.cos()], &coat, 1.0, [0.52, 0.44, 0.30]);
+        let gray = |angle: f32| lamps.shade(&wire, [angle.sin(), -angle.cos()], &coat, 1.0, [0.52, 0.44, 0.30]);
         assert!(gray(0.0) > 1.3 * gray(0.9) && gray(0.0) > 1.3 * gray(-0.9));
         assert!(gray(0.0) < 1.2 && gray(1.5) > 0.02);
     }

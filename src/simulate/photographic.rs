@@ -86,8 +86,7 @@ impl<'a> LinePainter<'a> {
         self.wire_light.resize(self.cut.wires.len(), None);
         let mut finish = scene.finish.at_line(self.cut.x_mm);
         let recipe = scene.recipe();
-        let level =
-            WHITE * (recipe.exposure * scene.light[self.view].value(line as f64 * recipe.line_pitch_mm)) as f32;
+        let level = WHITE * (recipe.exposure * scene.light[self.view].value(line as f64 * recipe.line_pitch_mm)) as f32;
         let rope_radius_mm = rope.diameter_mm() / 2.0;
         let (low, high) = self.trace.outline;
         let column = |ray: f64| (ray + 0.5) / RAYS_PER_PX as f64 - 0.5;
@@ -99,9 +98,7 @@ impl<'a> LinePainter<'a> {
             let step = if alike { RAYS_PER_PX } else { 1 };
             for first in rays.step_by(step) {
                 let gray = match self.trace.id[first] {
-                    BACKGROUND => {
-                        self.backdrop.gray(column(first as f64 + 0.5 * (step as f64 - 1.0)), low_px, high_px)
-                    }
+                    BACKGROUND => self.backdrop.gray(column(first as f64 + 0.5 * (step as f64 - 1.0)), low_px, high_px),
                     ROPE_CORE => INSIDE,
                     _ => {
                         let Some(hit) = self.hit(first..first + step) else { continue };
@@ -186,7 +183,7 @@ impl<'a> LinePainter<'a> {
                 // wires of the inner layer: dark, greasy, seen through a gap
                 let light = self.lamps.on_wire(0.0, 0.0);
                 let inner = 0.6 + 0.4 * (hit.place.psi_rad * 6.0 + (hit.place.x_mm * 0.11) as f32).sin();
-                0.30 * inner * self.lamps.shade(&light, normal, coat, 0.6, lit)
+                0.42 * inner * self.lamps.shade(&light, normal, coat, 0.6, lit)
             }
         }
     }
