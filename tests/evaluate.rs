@@ -19,7 +19,7 @@ fn assert_same(expected: &Value, found: &Value, at: &str) {
             e.iter().zip(f).enumerate().for_each(|(n, (e, f))| assert_same(e, f, &format!("{at}/{n}")));
         }
         (Value::Number(e), Value::Number(f)) => {
-            let (e, f) = (e.as_f64().unwrap(), f.as_f64().unwrap());
+            let [e, f] = [e, f].map(|x| x.as_f64().expect("JSON numbers without arbitrary precision are f64"));
             assert!((e - f).abs() <= TOLERANCE * e.abs().max(1.0), "{at}: expected {e}, found {f}");
         }
         _ => assert_eq!(expected, found, "{at}"),

@@ -10,7 +10,8 @@ fn small() -> Recipe {
 }
 
 fn gray(folder: &Path, view: usize, frame: usize) -> Vec<u8> {
-    image::open(folder.join(format!("view{view}/frame_{frame:06}.png"))).unwrap().into_luma8().into_raw()
+    let path = folder.join(format!("view{view}/frame_{frame:06}.png"));
+    image::open(path).expect("the frame was just written").into_luma8().into_raw()
 }
 
 #[test]

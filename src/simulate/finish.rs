@@ -86,7 +86,12 @@ pub struct LineFinish<'a> {
 }
 
 fn smoothstep(low: f32, high: f32, value: f32) -> f32 {
-    let t = ((value - low) / (high - low)).clamp(0.0, 1.0);
+    ease((value - low) / (high - low))
+}
+
+/// 0 below 0, 1 above 1, smooth between.
+fn ease(t: f32) -> f32 {
+    let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
@@ -160,18 +165,21 @@ impl LineFinish<'_> {
         let patch = self.patch.at(f.seed ^ 2, turn * self.patch_ring as f32);
         let streak = self.streak.at(own ^ 3, place.arc_mm * 4.3) - 0.5;
         let grain = self.grain.at(own ^ 4, place.arc_mm * 2.9) - 0.5;
-        let cover = smoothstep(0.25, 0.8, 0.55 * grime + 0.45 * patch);
-        let dirt = (f.dirt * (0.15 + 1.35 * cover) * (0.55 + 0.9 * place.valley)).min(0.92);
+        let cover = ease((0.55 * grime + 0.45 * patch - 0.25) * (1.0 / 0.55));
+        let dirt = (f.dirt * (0.15 + 1.35 * cover) * (0.45 + 1.5 * place.valley)).min(0.92);
         let mut coat = Coat {
             albedo: (1.0 - 0.7 * dirt) * (1.0 + 0.2 * streak + (0.1 + 0.35 * f.dirt) * grain),
-            gloss: (1.0 - 0.85 * dirt) * (1.0 + 0.7 * streak + 0.3 * grain),
+            gloss: (1.0 - 0.85 * dirt) * (1.0 + 1.3 * streak + 0.4 * grain),
             flat: 0.0,
         };
         if f.dirt > 0.0 {
             let speck = self.speck.at(own ^ 5, place.arc_mm * 2.1);
-            coat.albedo *= 1.0 - 0.75 * smoothstep(0.93 - 0.12 * f.dirt * patch, 1.0, speck);
+            let least = 0.93 - 0.12 * f.dirt * patch;
+            if speck > least {
+                coat.albedo *= 1.0 - 0.75 * smoothstep(least, 1.0, speck);
+            }
         }
-        if f.water > 0.0 {
+        if grime > 1.0 - f.water {
             let film = smoothstep(1.0 - f.water, 1.15 - f.water, grime);
             coat.albedo *= 1.0 - 0.22 * film;
             coat.gloss *= 1.0 + 0.9 * film;

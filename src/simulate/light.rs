@@ -89,12 +89,14 @@ impl Lamps {
         for (k, lamp) in self.0.iter().enumerate() {
             let strength = lit[k];
             diffuse += strength * dot(n, lamp.to_lamp).max(0.0);
-            let h = dot(n, lamp.halfway).max(0.1); // not 0: powers must not become denormal
-            let h2 = h * h;
-            let h4 = h2 * h2;
-            let h8 = h4 * h4;
-            let h32 = h8 * h8 * (h8 * h8);
-            highlight += strength * wire.along[k] * (0.16 * h8 + 0.60 * h32);
+            let h = dot(n, lamp.halfway);
+            if h > 0.5 {
+                let h2 = h * h;
+                let h4 = h2 * h2;
+                let h8 = h4 * h4;
+                let h16 = h8 * h8;
+                highlight += strength * wire.along[k] * h8 * (0.16 + 0.60 * h16 * h8);
+            }
         }
         openness * (0.55 * diffuse * coat.albedo + highlight * coat.gloss)
     }
@@ -122,7 +124,7 @@ impl Shadows {
                 let ahead = away[0] * lamp.in_cut[0] + away[1] * lamp.in_cut[1];
                 if ahead > 0.0 {
                     let beside = (away[0] * lamp.in_cut[1] - away[1] * lamp.in_cut[0]).abs();
-                    lit *= (beside * self.soft + SHADOW_START).max(SHADOW_LEFT).min(1.0);
+                    lit *= (beside * self.soft + SHADOW_START).clamp(SHADOW_LEFT, 1.0);
                 }
             }
             lit

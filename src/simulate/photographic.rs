@@ -137,14 +137,15 @@ impl<'a> LinePainter<'a> {
         };
         let away = [point[0] - centre.0 as f32, point[1] - centre.1 as f32];
         let length = length_of(away);
-        let normal = away.map(|a| a / length);
+        let per_mm = 1.0 / length;
+        let normal = away.map(|a| a * per_mm);
         let psi_rad = wrap_f32(fast_angle(normal[0], -normal[1]) - phase_rad as f32);
         let strand_cut = self.cut.strands[strand];
         let from_strand = length_of([point[0] - strand_cut.y as f32, point[1] - strand_cut.z as f32]);
         let from_axis = [point[0] - self.cut.axis.0 as f32, point[1] - self.cut.axis.1 as f32];
         let in_strand = from_strand / rope.strand_radius_mm() as f32;
         let radius = length_of(from_axis) / (rope.diameter_mm() / 2.0) as f32;
-        let wire_gap = ((1.0 - in_strand) * 3.0).clamp(0.0, 1.0);
+        let wire_gap = ((1.0 - in_strand) * 3.6).clamp(0.0, 1.0);
         let strand_gap = ((1.0 - radius) * 2.2).clamp(0.0, 1.0);
         let angle = fast_angle(from_axis[0], -from_axis[1]) + wrap(self.scene.view_angle_rad(self.view)) as f32;
         let place = Place {
