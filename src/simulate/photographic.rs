@@ -10,7 +10,7 @@ use super::scene::Scene;
 use super::trace::{BACKGROUND, RAYS_PER_PX, ROPE_CORE, STRAND_CORES, Trace, fast_angle, wrap};
 
 /// Gray level of a well lit surface of albedo 1 at exposure 1.
-const WHITE: f32 = 190.0;
+const WHITE: f32 = 215.0;
 /// Gray level of the inside of the rope.
 const INSIDE: f32 = 9.0;
 
