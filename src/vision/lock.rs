@@ -1,12 +1,12 @@
 //! Finds a rope in a few gathered stretches: strands by their contours, then camera, template, each strand's course, wires.
 
 use super::aligner::{
-    AlignerSpec, Measured, Views, fit_from, learn_pattern, measure, measure_wires, predict_wires, renew_patterns, strand_courses,
-    wire_courses,
+    AlignerSpec, Measured, Views, fit_from, learn_pattern, measure, measure_wires, predict_wires, renew_patterns,
+    strand_courses, wire_courses,
 };
-use super::estimates::measured_rate;
 use super::camera::Camera;
 use super::camera_distance::{ContourHarmonics, DEFAULT_DISTANCE_DIAMETERS, estimate};
+use super::estimates::measured_rate;
 use super::model_contour::ModelContour;
 use super::smoothing::{Course, Measurement};
 use super::stretch::{Reference, ViewModel, fuse};
@@ -109,7 +109,13 @@ fn view_model(spec: &AlignerSpec, gathered: &[Measured], v: usize, angle_rad: f6
         middle.iter().map(|&w| f64::from(w)).sum::<f64>() / middle.len() as f64
     };
     let camera = Camera { angle_rad, distance_mm, px_per_mm: width_px / unit.mean_width_px() };
-    ViewModel { camera, contour: ModelContour::new(&spec.rope, &camera), template: None, pattern: None, noise_scale: 1.0 }
+    ViewModel {
+        camera,
+        contour: ModelContour::new(&spec.rope, &camera),
+        template: None,
+        pattern: None,
+        noise_scale: 1.0,
+    }
 }
 
 /// Fits every stretch: the best on its own, the others outward from it. `None` if not one can be fitted.
@@ -142,7 +148,10 @@ fn fit_all(spec: &AlignerSpec, models: &[ViewModel], gathered: &mut [Measured]) 
 /// The same straight course, with lines counted from another first line.
 fn reference_shifted(reference: &Reference, from_line: usize, to_line: usize) -> Reference {
     let lines = to_line as f64 - from_line as f64;
-    Reference { phase_rad: reference.phase_rad + reference.rate_rad_per_mm * lines * reference.pitch_mm, ..reference.clone() }
+    Reference {
+        phase_rad: reference.phase_rad + reference.rate_rad_per_mm * lines * reference.pitch_mm,
+        ..reference.clone()
+    }
 }
 
 /// Estimates the camera distance from all contours, and scales the cameras again.
@@ -158,8 +167,7 @@ fn place_cameras(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) {
             });
         }
     }
-    let distance_mm =
-        estimate(&spec.rope, &harmonics).unwrap_or(DEFAULT_DISTANCE_DIAMETERS * spec.rope.diameter_mm());
+    let distance_mm = estimate(&spec.rope, &harmonics).unwrap_or(DEFAULT_DISTANCE_DIAMETERS * spec.rope.diameter_mm());
     for (v, model) in views.models.iter_mut().enumerate() {
         *model = view_model(spec, gathered, v, model.camera.angle_rad, distance_mm);
     }
@@ -216,20 +224,39 @@ fn runs(gathered: &[Measured]) -> Vec<&[Measured]> {
     gathered.split(|m| m.reference.is_none()).filter(|run| !run.is_empty()).collect()
 }
 
-/// Mean squared normalised residual of measurements about their smoothed course: 1 if the stated variances are right.
+/// Knots over which residuals are looked at for what neighbours share.
+const SHARED_KNOTS: usize = 12;
+
+/// Factor on the stated variances that the residuals of measurements about their smoothed course ask for: their mean normalised
+/// square, times how many neighbouring knots share one error (1 + twice the sum of autocorrelations).
 fn residual_scale(courses: &[(Course, Vec<Measurement>)]) -> Option<f64> {
-    let (mut sum, mut count) = (0.0, 0.0);
+    let mut products = [(0.0, 0.0); SHARED_KNOTS + 1];
     for (course, knots) in courses {
-        for (k, m) in knots.iter().enumerate().filter(|(_, m)| m.information > 0.0) {
-            let kept = 1.0 - m.information * course.phase_variance(k);
-            if kept > 0.2 {
-                let squared = m.information * (m.value_rad - course.phase_rad(k)).powi(2) / kept;
-                sum += squared.min(16.0); // a defect here and there must not count
-                count += 1.0;
+        let residuals: Vec<Option<f64>> = knots
+            .iter()
+            .enumerate()
+            .map(|(k, m)| {
+                let kept = 1.0 - m.information * course.phase_variance(k);
+                // A defect here and there must not count: residuals are cut.
+                let residual = m.information.sqrt() * (m.value_rad - course.phase_rad(k)) / kept.max(0.2).sqrt();
+                (m.information > 0.0 && kept > 0.2).then_some(residual.clamp(-4.0, 4.0))
+            })
+            .collect();
+        for (lag, product) in products.iter_mut().enumerate() {
+            for (a, b) in residuals.iter().zip(residuals.iter().skip(lag)) {
+                if let (Some(a), Some(b)) = (a, b) {
+                    product.0 += a * b;
+                    product.1 += 1.0;
+                }
             }
         }
     }
-    (count > 50.0).then(|| sum / count)
+    if products[0].1 < 50.0 {
+        return None;
+    }
+    let covariance = |lag: usize| products[lag].0 / f64::max(products[lag].1, 1.0);
+    let shared = 2.0 * (1..=SHARED_KNOTS).map(covariance).sum::<f64>();
+    Some(covariance(0) + shared.max(0.0))
 }
 
 /// Scales the registration's variances by what the residuals about the smooth courses show.
@@ -294,7 +321,8 @@ fn lock_wires(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) 
                 let window: Vec<&Measured> = run.iter().collect();
                 for (j, course) in wire_courses(spec, &window, None, rates).into_iter().enumerate() {
                     if let Some(course) = course {
-                        let knots = run.iter().flat_map(|m| fuse(m.wires.iter().map(|w| &w[j][..]), m.knots(spec))).collect();
+                        let knots =
+                            run.iter().flat_map(|m| fuse(m.wires.iter().map(|w| &w[j][..]), m.knots(spec))).collect();
                         courses.push((course, knots));
                     }
                 }
@@ -337,7 +365,13 @@ fn learn_patterns(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) 
     predictions
 }
 
-fn add_shifts(spec: &AlignerSpec, measured: &Measured, courses: &[Option<Course>], first_knot: usize, sums: &mut ShiftSums) {
+fn add_shifts(
+    spec: &AlignerSpec,
+    measured: &Measured,
+    courses: &[Option<Course>],
+    first_knot: usize,
+    sums: &mut ShiftSums,
+) {
     let n = spec.rope.strands();
     let grid = measured.grid(spec);
     for (v, stripes) in measured.stripes.iter().enumerate() {
@@ -359,7 +393,12 @@ fn add_shifts(spec: &AlignerSpec, measured: &Measured, courses: &[Option<Course>
 const PASS_GAP_MM: f64 = 4.0;
 
 /// The wires of strand `j` over a few stretches, all views together. `None` if nothing coherent is found.
-pub(super) fn search_wires(spec: &AlignerSpec, views: &Views, stretches: &[&Measured], j: usize) -> Option<WirePrediction> {
+pub(super) fn search_wires(
+    spec: &AlignerSpec,
+    views: &Views,
+    stretches: &[&Measured],
+    j: usize,
+) -> Option<WirePrediction> {
     let n = spec.rope.strands();
     let of_view = |v: usize| -> Vec<(f64, Stripe)> {
         let of_stretch = |measured: &&Measured| {
