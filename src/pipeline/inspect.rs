@@ -1,10 +1,13 @@
 //! Aligns, measures and, with a model, finds defects; writes the results folder.
 
-use super::results::{LineScoreFormat, NotCovered, Summary};
-use super::stretches::{STRETCH_LINES, StretchReader};
+use super::detection::Detection;
+use super::drive::Drive;
+use super::maps::MapWriter;
+use super::model_file::Model;
+use super::results::{DefectRow, LineScoreFormat, NotCovered, Summary, Threshold};
 use super::tables::{LayLengthTable, LineValues, lay_length_rows, write_error};
-use super::{Acquisition, FrameSource, PipelineError, Progress, ProgressReport};
-use crate::vision::aligner::{AlignedStretch, Aligner, AlignerSpec};
+use super::{Acquisition, FrameSource, PipelineError, Progress};
+use crate::vision::aligner::AlignedStretch;
 use std::path::{Path, PathBuf};
 
 /// How to inspect.
@@ -22,17 +25,6 @@ pub struct InspectOptions {
     pub given_contours: Option<Vec<Vec<(f32, f32)>>>,
 }
 
-/// The aligner's specification for an acquisition.
-pub(super) fn aligner_spec(acquisition: &Acquisition) -> AlignerSpec {
-    AlignerSpec::new(
-        acquisition.rope.clone(),
-        acquisition.line_pitch_mm,
-        acquisition.view_angles_rad.clone(),
-        acquisition.sensor_px as usize,
-        acquisition.rope_width_px,
-    )
-}
-
 /// Inspects `source` and writes `lay_lengths.csv`, `displacement.csv`, line scores, `defects.json`, `summary.json` and, on
 /// request, `maps/` into `results_folder` (made if absent; `summary.json` is written last, so a folder without it is not whole).
 pub fn inspect(
@@ -43,78 +35,135 @@ pub fn inspect(
     progress: &dyn Progress,
 ) -> Result<Summary, PipelineError> {
     let started = std::time::Instant::now();
+    let model = options.model_path.as_deref().map(Model::read).transpose()?;
+    if let Some(model) = &model {
+        model.check(acquisition)?;
+    }
     std::fs::create_dir_all(results_folder).map_err(write_error(results_folder))?;
-    let spec = aligner_spec(acquisition);
-    let given = options.given_contours.as_deref();
-    let mut reader =
-        StretchReader::new(source, spec.width_px, spec.stretch_lines(STRETCH_LINES), 0..usize::MAX, given)?;
+    remove_old(&results_folder.join("summary.json"))?;
+    let drive = Drive {
+        acquisition,
+        source,
+        range: 0..usize::MAX,
+        given_contours: options.given_contours.as_deref(),
+        stage: "inspect",
+        progress,
+    };
+    let mut reader = drive.reader()?;
     let views = acquisition.view_angles_rad.len();
+    let total_m = reader.lines() as f64 * acquisition.line_pitch_mm / 1000.0;
     let mut lay_lengths = LayLengthTable::create(results_folder.join("lay_lengths.csv"), acquisition.rope.strands())?;
     let mut displacement = LineValues::create(results_folder, views)?;
-    let total_m = reader.lines() as f64 * acquisition.line_pitch_mm / 1000.0;
-    let mut aligner = Aligner::new(spec);
-    let mut not_covered: Vec<NotCovered> = Vec::new();
-    let mut covered_view_m = 0.0;
-    let mut take = |stretch: AlignedStretch| -> Result<(), PipelineError> {
+    let threshold = model.as_ref().map(|m| match options.threshold {
+        Some(line_score) => Threshold { line_score, origin: "set by hand for this inspection".into() },
+        None => Threshold { line_score: m.report.threshold, origin: m.report.threshold_origin.clone() },
+    });
+    let mut detection = match (&model, &threshold) {
+        (Some(model), Some(threshold)) => {
+            Some(Detection::new(acquisition, model, threshold.line_score, LineValues::create(results_folder, views)?))
+        }
+        _ => None,
+    };
+    let mut maps = match (&model, options.maps) {
+        (Some(_), true) => {
+            let frames = (0..views).map(|v| reader.frame_lines(v)).collect();
+            Some(MapWriter::new(results_folder.join("maps"), acquisition.sensor_px as usize, frames))
+        }
+        _ => None,
+    };
+    let mut coverage = Coverage::default();
+    drive.run(&mut reader, |stretch, cameras| {
         for row in lay_length_rows(acquisition, &stretch) {
             lay_lengths.write(&row)?;
         }
         for (v, view) in stretch.views.iter().enumerate() {
             let aligned = stretch.estimates.is_ok() && view.usable();
-            let axis = |k: usize| if aligned { view.axis_px[k] } else { f32::NAN };
-            displacement.append(v, (0..stretch.lines).map(axis))?;
-            let (from_m, to_m) = (
-                acquisition.position_m(stretch.first_line),
-                acquisition.position_m(stretch.first_line + stretch.lines),
-            );
-            if aligned {
-                covered_view_m += to_m - from_m;
-            } else {
-                let reason = match &stretch.estimates {
-                    Err(reason) => reason.to_string(),
-                    Ok(_) if view.image.lines() == 0 => "this view has no lines here".into(),
-                    Ok(_) => "this view does not show both edges of the rope here".into(),
-                };
-                not_covered.push(NotCovered { view: v, from_m, to_m, reason });
+            displacement.append(v, (0..stretch.lines).map(|k| if aligned { view.axis_px[k] } else { f32::NAN }))?;
+        }
+        coverage.add(acquisition, &stretch);
+        if let Some(detection) = &mut detection {
+            let images = detection.take(&stretch, cameras, maps.is_some())?;
+            if let Some(maps) = &mut maps {
+                maps.append(images)?;
             }
         }
-        progress.report(ProgressReport {
-            stage: "inspect",
-            done_m: (stretch.first_line + stretch.lines) as f64 * acquisition.line_pitch_mm / 1000.0,
-            total_m,
-        });
         Ok(())
-    };
-    while let Some(stretch) = reader.next()? {
-        if progress.cancelled() {
-            return Err(PipelineError::Cancelled);
-        }
-        for aligned in aligner.push(stretch) {
-            take(aligned)?;
-        }
-    }
-    for aligned in aligner.finish() {
-        take(aligned)?;
-    }
+    })?;
     lay_lengths.finish()?;
     displacement.write_csv("displacement.csv", "view,line,displacement_px", true, 3)?;
+    if let Some(maps) = maps {
+        maps.finish()?;
+    }
+    let mut defects = None;
+    if let Some(detection) = detection {
+        let (rows, scores) = detection.finish();
+        match options.line_scores {
+            LineScoreFormat::Csv => scores.write_csv("line_scores.csv", "view,line,score", false, 4)?,
+            LineScoreFormat::Binary => scores.write_binary("line_scores")?,
+        }
+        write_json(&results_folder.join("defects.json"), &rows)?;
+        defects = Some(rows);
+    }
     let seconds = started.elapsed().as_secs_f64();
     let summary = Summary {
         ropescope_version: env!("CARGO_PKG_VERSION").into(),
-        model: None,
+        model: options
+            .model_path
+            .as_ref()
+            .map(|p| p.file_name().unwrap_or(p.as_os_str()).to_string_lossy().into_owned()),
         construction: acquisition.construction(),
         lines: reader.lines(),
         metres: total_m,
-        covered_view_m,
-        not_covered,
-        threshold: None,
-        defects: None,
+        covered_view_m: coverage.covered_view_m,
+        not_covered: coverage.not_covered,
+        threshold,
+        defects: defects.as_ref().map(Vec::<DefectRow>::len),
         seconds,
         metres_per_second: total_m / seconds.max(1e-9),
         notes: Vec::new(),
     };
-    let path = results_folder.join("summary.json");
-    let text = serde_json::to_string_pretty(&summary).map_err(|e| write_error(&path)(e.into()))?;
-    std::fs::write(&path, text).map_err(write_error(&path))?;
+    write_json(&results_folder.join("summary.json"), &summary)?;
     Ok(summary)
+}
+
+fn remove_old(path: &Path) -> Result<(), PipelineError> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(write_error(path)(e)),
+        _ => Ok(()),
+    }
+}
+
+fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), PipelineError> {
+    let text = serde_json::to_string_pretty(value).map_err(|e| write_error(path)(e.into()))?;
+    std::fs::write(path, text).map_err(write_error(path))
+}
+
+/// Metres that were inspected, and those that were not, with reasons; neighbouring stretches with one reason are joined.
+#[derive(Default)]
+struct Coverage {
+    covered_view_m: f64,
+    not_covered: Vec<NotCovered>,
+}
+
+impl Coverage {
+    fn add(&mut self, acquisition: &Acquisition, stretch: &AlignedStretch) {
+        let from_m = acquisition.position_m(stretch.first_line);
+        let to_m = acquisition.position_m(stretch.first_line + stretch.lines);
+        for (view, seen) in stretch.views.iter().enumerate() {
+            let reason = match &stretch.estimates {
+                Ok(_) if seen.usable() => {
+                    self.covered_view_m += to_m - from_m;
+                    continue;
+                }
+                Ok(_) if seen.image.lines() == 0 => "this view has no lines here".to_owned(),
+                Ok(_) => "this view does not show both edges of the rope here".to_owned(),
+                Err(reason) => reason.to_string(),
+            };
+            let last = self.not_covered.iter_mut().rfind(|n| n.view == view);
+            match last {
+                Some(last) if last.reason == reason && (last.to_m - from_m).abs() < 1e-9 => last.to_m = to_m,
+                _ => self.not_covered.push(NotCovered { view, from_m, to_m, reason }),
+            }
+        }
+    }
 }

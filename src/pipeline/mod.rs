@@ -1,7 +1,11 @@
 //! Drives `vision` over an acquisition, wherever its frames come from.
 
 pub mod acquisition;
+mod detection;
+mod drive;
 pub mod inspect;
+mod maps;
+pub mod model_file;
 pub mod progress;
 pub mod results;
 pub mod source;

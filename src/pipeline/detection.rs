@@ -1,0 +1,165 @@
+//! Scores aligned stretches with a model, and gathers alarms, line scores and likelihood maps.
+
+use super::model_file::Model;
+use super::results::{AlarmRow, DefectRow};
+use super::tables::LineValues;
+use super::{Acquisition, PipelineError};
+use crate::vision::aligner::AlignedStretch;
+use crate::vision::camera::Camera;
+use crate::vision::defects::{AlarmBuilder, Defect, merge};
+use crate::vision::estimates::Estimates;
+use crate::vision::evidence::{Evidence, PLACES_PER_WIRE, block_lines, place_of};
+use crate::vision::image::GrayImage;
+use crate::vision::scoring::{StretchScores, score};
+use crate::vision::stretch::ViewStretch;
+use crate::vision::surface_map::SurfaceMap;
+use rayon::prelude::*;
+
+/// Score at which a likelihood map turns black; 0 and less are white. One scale for every model and view.
+const BLACK_AT_SCORE: f32 = 8.0;
+
+/// Gathers what a model finds, stretch after stretch.
+pub(super) struct Detection<'a> {
+    acquisition: &'a Acquisition,
+    model: &'a Model,
+    threshold: f64,
+    builders: Vec<AlarmBuilder>,
+    line_scores: LineValues,
+}
+
+impl<'a> Detection<'a> {
+    /// Nothing found yet.
+    pub fn new(acquisition: &'a Acquisition, model: &'a Model, threshold: f64, line_scores: LineValues) -> Self {
+        let builder = |v| AlarmBuilder::new(v, threshold, acquisition.line_pitch_mm);
+        Self { acquisition, model, threshold, builders: (0..model.views.len()).map(builder).collect(), line_scores }
+    }
+
+    /// Scores a stretch; answers its likelihood maps if they are wanted (white where nothing was judged).
+    pub fn take(
+        &mut self,
+        stretch: &AlignedStretch,
+        cameras: &[Camera],
+        maps: bool,
+    ) -> Result<Vec<GrayImage>, PipelineError> {
+        let rope = &self.acquisition.rope;
+        let pitch_mm = self.acquisition.line_pitch_mm;
+        let (model, threshold) = (self.model, self.threshold);
+        let scored: Vec<(Option<StretchScores>, GrayImage)> = self
+            .builders
+            .par_iter_mut()
+            .enumerate()
+            .map(|(v, builder)| {
+                let view = &stretch.views[v];
+                let blank = || {
+                    if maps { white(self.acquisition.sensor_px as usize, stretch.lines) } else { GrayImage::default() }
+                };
+                let Ok(estimates) = &stretch.estimates else { return (None, blank()) };
+                if !view.usable() {
+                    return (None, blank());
+                }
+                let learnt = &model.views[v];
+                let evidence =
+                    Evidence::gather(rope, &cameras[v], estimates, view, &learnt.appearance, block_lines(pitch_mm));
+                let scores = score(&evidence, &learnt.calibration, pitch_mm);
+                builder.add(stretch.first_line, stretch.lines, &scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
+                    alarmed_columns(rope, &cameras[v], estimates, view, &scores, block, threshold as f32)
+                });
+                let map = if maps {
+                    likelihood_map(rope, &cameras[v], estimates, view, &scores)
+                } else {
+                    GrayImage::default()
+                };
+                (Some(scores), map)
+            })
+            .collect();
+        let mut images = Vec::new();
+        for (v, (scores, map)) in scored.into_iter().enumerate() {
+            let of_line = |k: usize| scores.as_ref().map_or(f32::NAN, |s| s.blocks[k / s.block_lines]);
+            self.line_scores.append(v, (0..stretch.lines).map(of_line))?;
+            images.push(map);
+        }
+        Ok(images)
+    }
+
+    /// The defects, and the line scores to be written.
+    pub fn finish(self) -> (Vec<DefectRow>, LineValues) {
+        let alarms = self.builders.into_iter().flat_map(AlarmBuilder::finish).collect();
+        let defects = merge(alarms, self.acquisition.line_pitch_mm);
+        let rows = defects.iter().enumerate().map(|(id, d)| defect_row(self.acquisition, id, d)).collect();
+        (rows, self.line_scores)
+    }
+}
+
+fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) -> DefectRow {
+    let peak = defect.peak();
+    DefectRow {
+        id,
+        from_m: acquisition.position_m(defect.first_line()),
+        to_m: acquisition.position_m(defect.last_line() + 1),
+        strand: peak.map(|p| p.strand),
+        wire: peak.map(|p| p.wire),
+        peak_score: peak.map_or(0.0, |p| p.peak_score),
+        alarms: defect
+            .alarms
+            .iter()
+            .map(|a| AlarmRow {
+                view: a.view,
+                first_line: a.first_line,
+                last_line: a.last_line,
+                first_column: a.first_column,
+                last_column: a.last_column,
+                peak_score: a.peak_score,
+            })
+            .collect(),
+    }
+}
+
+fn white(width: usize, lines: usize) -> GrayImage {
+    GrayImage::new(width, vec![255; width * lines]).unwrap_or_default()
+}
+
+fn alarmed_columns(
+    rope: &crate::vision::rope::Rope,
+    camera: &Camera,
+    estimates: &Estimates,
+    view: &ViewStretch,
+    scores: &StretchScores,
+    block: usize,
+    threshold: f32,
+) -> Option<(usize, usize)> {
+    let line = (block * scores.block_lines + scores.block_lines / 2).min(view.image.lines() - 1);
+    let mut columns: Option<(usize, usize)> = None;
+    let row = block * rope.strands() * scores.places;
+    SurfaceMap::new(rope, camera, estimates, view.image.width()).for_each(line, view.axis_px[line], |point| {
+        let cell = row + point.strand * scores.places + place_of(point.wire_place, scores.places);
+        if scores.cells[cell] > threshold {
+            columns =
+                Some(columns.map_or((point.column, point.column), |(a, b)| (a.min(point.column), b.max(point.column))));
+        }
+    });
+    columns
+}
+
+/// The likelihood map of a stretch: dark is unlikely, white is usual, was not judged or is no rope.
+fn likelihood_map(
+    rope: &crate::vision::rope::Rope,
+    camera: &Camera,
+    estimates: &Estimates,
+    view: &ViewStretch,
+    scores: &StretchScores,
+) -> GrayImage {
+    let (width, lines) = (view.image.width(), view.image.lines());
+    let mut image = white(width, lines);
+    let mut map = SurfaceMap::new(rope, camera, estimates, width);
+    for line in 0..lines {
+        let row = line / scores.block_lines * rope.strands() * scores.places;
+        let target = image.line_mut(line);
+        map.for_each(line, view.axis_px[line], |point| {
+            let score = scores.cells[row + point.strand * scores.places + place_of(point.wire_place, scores.places)];
+            if score.is_finite() {
+                target[point.column] = (255.0 * (1.0 - score / BLACK_AT_SCORE).clamp(0.0, 1.0)) as u8;
+            }
+        });
+    }
+    image
+}

@@ -1,0 +1,68 @@
+//! Runs the aligner over a range of an acquisition and hands out aligned stretches, in order.
+
+use super::stretches::{STRETCH_LINES, StretchReader};
+use super::{Acquisition, FrameSource, PipelineError, Progress, ProgressReport};
+use crate::vision::aligner::{AlignedStretch, Aligner, AlignerSpec};
+use crate::vision::camera::Camera;
+
+/// The aligner's specification for an acquisition.
+pub(super) fn aligner_spec(acquisition: &Acquisition) -> AlignerSpec {
+    AlignerSpec::new(
+        acquisition.rope.clone(),
+        acquisition.line_pitch_mm,
+        acquisition.view_angles_rad.clone(),
+        acquisition.sensor_px as usize,
+        acquisition.rope_width_px,
+    )
+}
+
+/// Which lines to align, and how the run reports.
+pub(super) struct Drive<'a> {
+    pub acquisition: &'a Acquisition,
+    pub source: &'a dyn FrameSource,
+    pub range: std::ops::Range<usize>,
+    pub given_contours: Option<&'a [Vec<(f32, f32)>]>,
+    pub stage: &'static str,
+    pub progress: &'a dyn Progress,
+}
+
+impl Drive<'_> {
+    /// The reader for the range.
+    pub fn reader(&self) -> Result<StretchReader<'_>, PipelineError> {
+        let spec = aligner_spec(self.acquisition);
+        let lines = spec.stretch_lines(STRETCH_LINES);
+        Ok(StretchReader::new(self.source, spec.width_px, lines, self.range.clone(), self.given_contours)?)
+    }
+
+    /// Aligns the range; `take` gets every stretch in order, with the cameras (empty while none is known).
+    pub fn run(
+        &self,
+        reader: &mut StretchReader<'_>,
+        mut take: impl FnMut(AlignedStretch, &[Camera]) -> Result<(), PipelineError>,
+    ) -> Result<(), PipelineError> {
+        let range = reader.range();
+        let pitch_m = self.acquisition.line_pitch_mm / 1000.0;
+        let total_m = range.len() as f64 * pitch_m;
+        let mut aligner = Aligner::new(aligner_spec(self.acquisition));
+        loop {
+            if self.progress.cancelled() {
+                return Err(PipelineError::Cancelled);
+            }
+            let next = reader.next()?;
+            let last = next.is_none();
+            let aligned = match next {
+                Some(stretch) => aligner.push(stretch),
+                None => aligner.finish(),
+            };
+            let cameras = aligner.cameras().unwrap_or_default();
+            for stretch in aligned {
+                let done_m = (stretch.first_line + stretch.lines - range.start) as f64 * pitch_m;
+                take(stretch, &cameras)?;
+                self.progress.report(ProgressReport { stage: self.stage, done_m, total_m });
+            }
+            if last {
+                return Ok(());
+            }
+        }
+    }
+}

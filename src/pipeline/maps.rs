@@ -1,0 +1,80 @@
+//! Writes likelihood maps as images of the same geometry as the frames, while stretches go by.
+
+use super::PipelineError;
+use super::tables::write_error;
+use crate::vision::image::GrayImage;
+use rayon::prelude::*;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+struct ViewMaps {
+    folder: PathBuf,
+    width: usize,
+    frame_lines: Vec<usize>,
+    frame: usize,
+    pixels: Vec<u8>,
+}
+
+/// `maps/view{v}/frame_{n:06}.png`, 8-bit gray.
+pub(super) struct MapWriter {
+    views: Vec<ViewMaps>,
+}
+
+impl MapWriter {
+    /// `frame_lines[view][frame]` gives the heights.
+    pub fn new(folder: PathBuf, width: usize, frame_lines: Vec<Vec<usize>>) -> Self {
+        let views = frame_lines
+            .into_iter()
+            .enumerate()
+            .map(|(v, frame_lines)| ViewMaps {
+                folder: folder.join(format!("view{v}")),
+                width,
+                frame_lines,
+                frame: 0,
+                pixels: Vec::new(),
+            })
+            .collect();
+        Self { views }
+    }
+
+    /// Appends the maps of a stretch, one a view; writes the frames that became whole.
+    pub fn append(&mut self, images: Vec<GrayImage>) -> Result<(), PipelineError> {
+        self.views.par_iter_mut().zip(images).try_for_each(|(view, image)| {
+            view.pixels.extend_from_slice(image.pixels());
+            view.write_whole_frames()
+        })
+    }
+
+    /// Writes what is left: an acquisition whose views end at different lines has been padded.
+    pub fn finish(mut self) -> Result<(), PipelineError> {
+        self.views.iter_mut().try_for_each(ViewMaps::write_whole_frames)
+    }
+}
+
+impl ViewMaps {
+    fn write_whole_frames(&mut self) -> Result<(), PipelineError> {
+        while let Some(&lines) = self.frame_lines.get(self.frame) {
+            if self.pixels.len() < lines * self.width {
+                return Ok(());
+            }
+            std::fs::create_dir_all(&self.folder).map_err(write_error(&self.folder))?;
+            let path = self.folder.join(format!("frame_{:06}.png", self.frame));
+            write_png(&path, self.width, lines, &self.pixels[..lines * self.width])?;
+            self.pixels.drain(..lines * self.width);
+            self.frame += 1;
+        }
+        Ok(())
+    }
+}
+
+fn write_png(path: &Path, width: usize, lines: usize, pixels: &[u8]) -> Result<(), PipelineError> {
+    let file = BufWriter::new(File::create(path).map_err(write_error(path))?);
+    let mut encoder = png::Encoder::new(file, width as u32, lines as u32);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Fast);
+    let mut writer = encoder.write_header().map_err(|e| write_error(path)(e.into()))?;
+    writer.write_image_data(pixels).map_err(|e| write_error(path)(e.into()))?;
+    writer.finish().map_err(|e| write_error(path)(e.into()))
+}

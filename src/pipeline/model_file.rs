@@ -1,0 +1,177 @@
+//! Appearance models on disk: a header that people can read, and compressed tables.
+
+use super::tables::write_error;
+use super::train::TrainReport;
+use super::{Acquisition, PipelineError};
+use crate::vision::appearance::Appearance;
+use crate::vision::scoring::FilterCalibration;
+use serde::{Deserialize, Serialize};
+use std::io::{BufReader, Read, Write};
+use std::path::Path;
+
+const MAGIC: &[u8] = b"ropescope model 1\n";
+/// Longest header that is read, in bytes.
+const MAX_HEADER_BYTES: u32 = 1 << 20;
+/// How far the diameter of a rope may be off its model's, as a share.
+const DIAMETER_TOLERANCE: f64 = 0.02;
+
+/// What one view learnt.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ViewAppearance {
+    /// The appearance.
+    pub appearance: Appearance,
+    /// Calibration of every filter.
+    pub calibration: Vec<FilterCalibration>,
+}
+
+/// A trained model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// What it was trained on.
+    pub report: TrainReport,
+    construction: Construction,
+    /// One entry a view.
+    pub views: Vec<ViewAppearance>,
+}
+
+/// What must agree between a model and an acquisition.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Construction {
+    strands: usize,
+    wires: usize,
+    diameter_mm: f64,
+    views: usize,
+    text: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    report: TrainReport,
+    construction: Construction,
+    /// `[view][filter]`: shared, pixels, one_in_100, one_in_1000.
+    calibration: Vec<Vec<[f64; 4]>>,
+    /// Floats of each of the two tables of a view.
+    table_len: usize,
+}
+
+impl Model {
+    /// A model for the rope of an acquisition.
+    pub fn new(acquisition: &Acquisition, report: TrainReport, views: Vec<ViewAppearance>) -> Self {
+        let construction = Construction {
+            strands: acquisition.rope.strands(),
+            wires: acquisition.rope.wires(),
+            diameter_mm: acquisition.rope.diameter_mm(),
+            views: acquisition.view_angles_rad.len(),
+            text: acquisition.construction(),
+        };
+        Self { report, construction, views }
+    }
+
+    /// Refuses an acquisition of another rope.
+    pub fn check(&self, acquisition: &Acquisition) -> Result<(), PipelineError> {
+        let c = &self.construction;
+        let same = c.strands == acquisition.rope.strands()
+            && c.wires == acquisition.rope.wires()
+            && c.views == acquisition.view_angles_rad.len()
+            && (c.diameter_mm / acquisition.rope.diameter_mm() - 1.0).abs() <= DIAMETER_TOLERANCE;
+        if same {
+            return Ok(());
+        }
+        Err(PipelineError::ModelOfAnotherRope { model: c.text.clone(), acquisition: acquisition.construction() })
+    }
+
+    /// Writes the model, whole or not at all: to a temporary file beside it, synced, then renamed.
+    pub fn write(&self, path: &Path) -> Result<(), PipelineError> {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let failed = |source| PipelineError::Write { path: path.into(), source };
+        let mut file = tempfile::NamedTempFile::new_in(folder).map_err(failed)?;
+        let header = Header {
+            report: self.report.clone(),
+            construction: self.construction.clone(),
+            calibration: self
+                .views
+                .iter()
+                .map(|v| v.calibration.iter().map(|c| [c.shared, c.pixels, c.one_in_100, c.one_in_1000]).collect())
+                .collect(),
+            table_len: self.views.first().map_or(0, |v| v.appearance.tables().0.len()),
+        };
+        let header = serde_json::to_vec(&header).map_err(|e| write_error(path)(e.into()))?;
+        let mut write = || {
+            file.write_all(MAGIC)?;
+            file.write_all(&(header.len() as u32).to_le_bytes())?;
+            file.write_all(&header)?;
+            let mut packer = zstd::Encoder::new(&mut file, 3)?;
+            for view in &self.views {
+                let (likelihood, score) = view.appearance.tables();
+                for value in likelihood.iter().chain(score) {
+                    packer.write_all(&value.to_le_bytes())?;
+                }
+            }
+            packer.finish()?;
+            file.as_file().sync_all()
+        };
+        write().map_err(failed)?;
+        file.persist(path).map_err(|e| failed(e.error))?;
+        Ok(())
+    }
+
+    /// Reads a model. Errors: not a model, another version, cut short.
+    pub fn read(path: &Path) -> Result<Self, PipelineError> {
+        let unusable = |reason: String| PipelineError::Model { path: path.into(), reason };
+        let (header, rest) = read_header(path)?;
+        let expected = crate::vision::histogram::CELLS * crate::vision::histogram::GRAY_BINS;
+        if header.table_len != expected || header.calibration.len() != header.construction.views {
+            return Err(unusable(format!(
+                "its tables have {} entries, this version uses {expected}",
+                header.table_len
+            )));
+        }
+        let mut unpacker = zstd::Decoder::with_buffer(rest).map_err(|e| unusable(e.to_string()))?;
+        let mut table = || -> Result<Vec<f32>, PipelineError> {
+            let mut bytes = vec![0u8; header.table_len * 4];
+            unpacker.read_exact(&mut bytes).map_err(|e| unusable(format!("it is cut short or damaged ({e})")))?;
+            Ok(bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
+        };
+        let mut views = Vec::new();
+        for calibration in &header.calibration {
+            let (likelihood, score) = (table()?, table()?);
+            let appearance = Appearance::from_tables(likelihood, score)
+                .ok_or_else(|| unusable("its tables have the wrong size".into()))?;
+            let calibration = calibration
+                .iter()
+                .map(|&[shared, pixels, one_in_100, one_in_1000]| FilterCalibration {
+                    shared,
+                    pixels,
+                    one_in_100,
+                    one_in_1000,
+                })
+                .collect();
+            views.push(ViewAppearance { appearance, calibration });
+        }
+        Ok(Self { report: header.report, construction: header.construction, views })
+    }
+}
+
+fn read_header(path: &Path) -> Result<(Header, BufReader<std::fs::File>), PipelineError> {
+    let unusable = |reason: String| PipelineError::Model { path: path.into(), reason };
+    let mut file = BufReader::new(std::fs::File::open(path).map_err(|e| unusable(e.to_string()))?);
+    let mut magic = vec![0u8; MAGIC.len()];
+    let mut length = [0u8; 4];
+    let whole = file.read_exact(&mut magic).and_then(|()| file.read_exact(&mut length));
+    if whole.is_err() || magic != MAGIC {
+        return Err(unusable("it does not begin like a model of this version".into()));
+    }
+    let length = u32::from_le_bytes(length);
+    if length > MAX_HEADER_BYTES {
+        return Err(unusable(format!("its header claims {length} bytes, at most {MAX_HEADER_BYTES} are read")));
+    }
+    let mut header = vec![0u8; length as usize];
+    file.read_exact(&mut header).map_err(|e| unusable(format!("it is cut short ({e})")))?;
+    let header = serde_json::from_slice(&header).map_err(|e| unusable(format!("its header is damaged ({e})")))?;
+    Ok((header, file))
+}
+
+/// Reads what a model says of its training, without its tables.
+pub fn read_report(path: &Path) -> Result<TrainReport, PipelineError> {
+    Ok(read_header(path)?.0.report)
+}

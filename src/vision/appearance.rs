@@ -1,0 +1,211 @@
+//! How intact rope looks at every point of its geometry, in one view. [Wacker13, sec. 4.2 and 5, eq. 18, 20-22]
+
+use super::histogram::{CELLS, DISTANCE_BINS, GRAY_BINS, Histogram, SIGMA_BINS, STRAND_BINS, WIRE_BINS};
+use super::image::GrayImage;
+
+/// Observations that a cell needs (after smoothing) before it is judged.
+const LEAST_OBSERVATIONS: f32 = 60.0;
+/// epsilon of eq. 22, in units of a uniform density over gray.
+const EPSILON: f32 = 0.05;
+/// Cells of neighbouring phases that make a region R_k of eq. 21: strand bins x wire bins; distances are kept together.
+const REGION_BINS: (usize, usize) = (4, 4);
+/// Anomaly scores of single pixels are cut here: one pixel proves little.
+const CUT: f32 = 5.0;
+
+/// Lines over which the light is averaged before it is divided out: longer than any defect that must not be divided out with it.
+pub const LIGHT_LINES: usize = 800;
+
+/// Gray values normalised by the light of their neighbourhood, in bins: gray g at mean light m falls at g/(g + m).
+///
+/// The companding keeps dark valleys and bright highlights apart; a change of exposure moves nothing.
+#[derive(Debug, Clone)]
+pub struct GrayScale {
+    /// `bins[line * 256 + gray]` would be large; the light is quantised instead.
+    tables: Vec<[u8; 256]>,
+    line_table: Vec<u8>,
+}
+
+/// Number of light levels that get their own table.
+const LIGHTS: usize = 128;
+
+impl GrayScale {
+    /// Measures the light of every line about the rope axis, smoothed over [`LIGHT_LINES`].
+    pub fn new(image: &GrayImage, axis_px: &[f32], half_width_px: f64) -> Self {
+        let lines = image.lines();
+        let mut sums = vec![0.0f64; lines + 1];
+        for k in 0..lines {
+            let line = image.line(k);
+            let from = ((f64::from(axis_px[k]) - 0.7 * half_width_px).max(0.0) as usize).min(line.len());
+            let to = ((f64::from(axis_px[k]) + 0.7 * half_width_px).max(0.0) as usize).clamp(from, line.len());
+            // Every third pixel tells the light well enough.
+            let (sum, n) = line[from..to].iter().step_by(3).fold((0u32, 0u32), |(s, n), &g| (s + u32::from(g), n + 1));
+            sums[k + 1] = sums[k] + f64::from(sum) / f64::from(n.max(1));
+        }
+        let half = LIGHT_LINES / 2;
+        let line_table = (0..lines)
+            .map(|k| {
+                let (from, to) = (k.saturating_sub(half), (k + half).min(lines));
+                let light = (sums[to] - sums[from]) / (to - from) as f64;
+                // Light levels are spaced by equal ratios from 2 to 256.
+                ((light.clamp(2.0, 255.9) / 2.0).ln() / 128f64.ln() * (LIGHTS as f64 - 1.0)).round() as u8
+            })
+            .collect();
+        let tables = (0..LIGHTS)
+            .map(|level| {
+                let light = 2.0 * 128f32.powf(level as f32 / (LIGHTS as f32 - 1.0));
+                std::array::from_fn(|gray| {
+                    ((GRAY_BINS as f32 * gray as f32 / (gray as f32 + light)) as u8).min(GRAY_BINS as u8 - 1)
+                })
+            })
+            .collect();
+        Self { tables, line_table }
+    }
+
+    /// Table from gray values to bins for one line.
+    #[inline]
+    pub fn line(&self, line: usize) -> &[u8; 256] {
+        &self.tables[usize::from(self.line_table[line])]
+    }
+}
+
+/// What is looked up for every pixel: its normalised likelihood, as an anomaly score.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Appearance {
+    /// p(g|theta) of eq. 20, `likelihood[cell * GRAY_BINS + gray]`, in units of a uniform density; 0 in cells that were not seen.
+    likelihood: Vec<f32>,
+    /// Anomaly score of every cell and gray value; NaN in cells that were not seen often enough.
+    score: Vec<f32>,
+}
+
+impl Appearance {
+    /// Learns from the counts of intact rope.
+    pub fn learn(histogram: &Histogram) -> Self {
+        let joint = histogram.smoothed(SIGMA_BINS);
+        let mut likelihood = vec![0.0f32; CELLS * GRAY_BINS];
+        for cell in 0..CELLS {
+            let counts = joint.of_cell(cell);
+            let marginal: f32 = counts.iter().sum(); // p(theta)
+            if marginal >= LEAST_OBSERVATIONS {
+                for (p, &c) in likelihood[cell * GRAY_BINS..(cell + 1) * GRAY_BINS].iter_mut().zip(counts) {
+                    // eq. 20; half an observation in all keeps what was never seen possible.
+                    *p = (c + 0.5 / GRAY_BINS as f32) / (marginal + 0.5) * GRAY_BINS as f32;
+                }
+            }
+        }
+        Self::from_likelihood(likelihood, histogram)
+    }
+
+    /// Builds the scores from stored likelihoods and the counts they were learnt from.
+    fn from_likelihood(likelihood: Vec<f32>, histogram: &Histogram) -> Self {
+        let mut score = vec![f32::NAN; CELLS * GRAY_BINS];
+        for strand_region in 0..STRAND_BINS / REGION_BINS.0 {
+            for wire_region in 0..WIRE_BINS / REGION_BINS.1 {
+                let cells: Vec<usize> = region_cells(strand_region, wire_region).collect();
+                // eq. 21 in logarithms: where registration is poor, the density is broad and even intact rope is unlikely. The
+                // paper divides by the region's mean likelihood; the region's mean and spread of the log-likelihood do the
+                // same for sums of many pixels, which is what the filter along the wire forms.
+                let (mut n, mut sum, mut squares) = (0.0f64, 0.0f64, 0.0f64);
+                for &cell in &cells {
+                    for (gray, &count) in histogram.of_cell(cell).iter().enumerate() {
+                        let p = likelihood[cell * GRAY_BINS + gray];
+                        if p > 0.0 && count > 0.0 {
+                            let surprise = f64::from(-(p + EPSILON).ln());
+                            n += f64::from(count);
+                            sum += f64::from(count) * surprise;
+                            squares += f64::from(count) * surprise * surprise;
+                        }
+                    }
+                }
+                if n < f64::from(LEAST_OBSERVATIONS) {
+                    continue;
+                }
+                let mean = sum / n;
+                let sd = (squares / n - mean * mean).max(1e-4).sqrt();
+                for &cell in &cells {
+                    for gray in 0..GRAY_BINS {
+                        let p = likelihood[cell * GRAY_BINS + gray];
+                        if p > 0.0 {
+                            // eq. 22, as an anomaly: 0 on average over intact rope, 1 is one standard deviation.
+                            let surprise = (-(p + EPSILON).ln() - mean as f32) / sd as f32;
+                            score[cell * GRAY_BINS + gray] = surprise.min(CUT);
+                        }
+                    }
+                }
+            }
+        }
+        Self { likelihood, score }
+    }
+
+    /// Restores a model from its tables. `None` if their sizes are not those of this version.
+    pub fn from_tables(likelihood: Vec<f32>, score: Vec<f32>) -> Option<Self> {
+        (likelihood.len() == CELLS * GRAY_BINS && score.len() == CELLS * GRAY_BINS)
+            .then_some(Self { likelihood, score })
+    }
+
+    /// The tables that [`Self::from_tables`] restores: likelihood and score.
+    pub fn tables(&self) -> (&[f32], &[f32]) {
+        (&self.likelihood, &self.score)
+    }
+
+    /// Anomaly score of a gray bin at a surface cell; NaN where the model cannot tell.
+    #[inline]
+    pub fn score(&self, cell: usize, gray_bin: u8) -> f32 {
+        self.score[cell * GRAY_BINS + usize::from(gray_bin)]
+    }
+
+    /// p(g|theta) over the gray bins at a surface cell, in units of a uniform density.
+    pub fn likelihood(&self, cell: usize) -> &[f32] {
+        &self.likelihood[cell * GRAY_BINS..(cell + 1) * GRAY_BINS]
+    }
+}
+
+fn region_cells(strand_region: usize, wire_region: usize) -> impl Iterator<Item = usize> {
+    (0..REGION_BINS.0).flat_map(move |s| {
+        (0..REGION_BINS.1).flat_map(move |w| {
+            (0..DISTANCE_BINS).map(move |d| {
+                super::histogram::cell(strand_region * REGION_BINS.0 + s, wire_region * REGION_BINS.1 + w, d)
+            })
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::histogram::cell;
+
+    #[test]
+    fn what_was_often_seen_is_likely_and_what_never_was_is_anomalous() {
+        let mut histogram = Histogram::default();
+        for strand in 10..14 {
+            for wire in 10..14 {
+                for distance in 0..DISTANCE_BINS {
+                    for k in 0..200 {
+                        histogram.add(cell(strand, wire, distance), 14 + k % 5);
+                    }
+                }
+            }
+        }
+        let appearance = Appearance::learn(&histogram);
+        let at = cell(12, 12, 4);
+        assert!(appearance.score(at, 16) < 0.5);
+        assert!(appearance.score(at, 30) > 3.0);
+        assert!(appearance.score(cell(30, 20, 0), 16).is_nan()); // never seen: no judgement
+        let total: f32 = appearance.likelihood(at).iter().sum::<f32>() / GRAY_BINS as f32;
+        assert!((total - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn exposure_changes_no_gray_bin() {
+        let line: Vec<u8> = (0..100).map(|c| 20 + c as u8).collect();
+        let brighter: Vec<u8> = line.iter().map(|&g| g * 2).collect();
+        let bins = |line: Vec<u8>| {
+            let image = GrayImage::new(100, line.clone()).unwrap();
+            let scale = GrayScale::new(&image, &[50.0], 50.0);
+            line.iter().map(|&g| scale.line(0)[usize::from(g)]).collect::<Vec<_>>()
+        };
+        for (a, b) in bins(line).into_iter().zip(bins(brighter)) {
+            assert!(a.abs_diff(b) <= 1);
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! From scores to alarms to defects: runs of lines over the threshold, merged over lines, wires and views.
+
+use super::scoring::StretchScores;
+
+/// Alarms of one view nearer than this along the rope are one.
+const ALARM_GAP_MM: f64 = 4.0;
+/// Alarms of one strand nearer than this along the rope have one cause.
+const DEFECT_GAP_MM: f64 = 15.0;
+
+/// A run of lines of one view over the threshold.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alarm {
+    /// The view.
+    pub view: usize,
+    /// First line.
+    pub first_line: usize,
+    /// Last line.
+    pub last_line: usize,
+    /// First column.
+    pub first_column: usize,
+    /// Last column.
+    pub last_column: usize,
+    /// Highest line score.
+    pub peak_score: f64,
+    /// Strand where the peak stands.
+    pub strand: usize,
+    /// Wire where the peak stands.
+    pub wire: usize,
+}
+
+/// Alarms of one cause.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Defect {
+    /// Its alarms, along the rope.
+    pub alarms: Vec<Alarm>,
+}
+
+impl Defect {
+    /// First line.
+    pub fn first_line(&self) -> usize {
+        self.alarms.iter().map(|a| a.first_line).min().unwrap_or(0)
+    }
+
+    /// Last line.
+    pub fn last_line(&self) -> usize {
+        self.alarms.iter().map(|a| a.last_line).max().unwrap_or(0)
+    }
+
+    /// The alarm with the highest score.
+    pub fn peak(&self) -> Option<&Alarm> {
+        self.alarms.iter().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score))
+    }
+}
+
+/// Collects the alarms of one view over consecutive stretches.
+#[derive(Debug)]
+pub struct AlarmBuilder {
+    view: usize,
+    threshold: f64,
+    gap_lines: usize,
+    open: Option<Alarm>,
+    done: Vec<Alarm>,
+}
+
+impl AlarmBuilder {
+    /// Lines with a score above `threshold` are alarms.
+    pub fn new(view: usize, threshold: f64, pitch_mm: f64) -> Self {
+        Self { view, threshold, gap_lines: (ALARM_GAP_MM / pitch_mm).round() as usize, open: None, done: Vec::new() }
+    }
+
+    /// Adds the scores of a stretch. `columns(block)` answers the first and last column over the threshold in a block; it is asked
+    /// for alarmed blocks only.
+    pub fn add(
+        &mut self,
+        first_line: usize,
+        lines: usize,
+        scores: &StretchScores,
+        wires_per_place: f64,
+        mut columns: impl FnMut(usize) -> Option<(usize, usize)>,
+    ) {
+        for (block, &score) in scores.blocks.iter().enumerate() {
+            let score = f64::from(score);
+            if score.is_nan() || score <= self.threshold {
+                continue;
+            }
+            let from = first_line + block * scores.block_lines;
+            let to = (from + scores.block_lines - 1).min(first_line + lines - 1);
+            let (strand, place) = scores.peaks[block];
+            let (first_column, last_column) = columns(block).unwrap_or((0, 0));
+            let wire = (place as f64 * wires_per_place) as usize;
+            match &mut self.open {
+                Some(open) if from <= open.last_line + self.gap_lines => {
+                    open.last_line = to;
+                    open.first_column = open.first_column.min(first_column);
+                    open.last_column = open.last_column.max(last_column);
+                    if score > open.peak_score {
+                        (open.peak_score, open.strand, open.wire) = (score, strand, wire);
+                    }
+                }
+                open => {
+                    self.done.extend(open.take());
+                    *open = Some(Alarm {
+                        view: self.view,
+                        first_line: from,
+                        last_line: to,
+                        first_column,
+                        last_column,
+                        peak_score: score,
+                        strand,
+                        wire,
+                    });
+                }
+            }
+        }
+    }
+
+    /// All alarms.
+    pub fn finish(mut self) -> Vec<Alarm> {
+        self.done.extend(self.open);
+        self.done
+    }
+}
+
+/// Merges alarms into defects: those of one strand nearby, and those of different views at the same place of the rope.
+pub fn merge(mut alarms: Vec<Alarm>, pitch_mm: f64) -> Vec<Defect> {
+    alarms.sort_by_key(|a| (a.first_line, a.view));
+    let gap_lines = (DEFECT_GAP_MM / pitch_mm).round() as usize;
+    let mut defects: Vec<Defect> = Vec::new();
+    for alarm in alarms {
+        let near = |a: &Alarm| {
+            let apart = alarm.first_line.saturating_sub(a.last_line);
+            if a.strand == alarm.strand { apart <= gap_lines } else { apart <= gap_lines / 3 && a.view != alarm.view }
+        };
+        let mut joined = Defect { alarms: vec![alarm.clone()] };
+        let mut k = 0;
+        while k < defects.len() {
+            if defects[k].alarms.iter().any(near) {
+                joined.alarms.splice(0..0, defects.remove(k).alarms);
+            } else {
+                k += 1;
+            }
+        }
+        defects.push(joined);
+    }
+    defects.sort_by_key(Defect::first_line);
+    defects
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn alarm(view: usize, first_line: usize, last_line: usize, strand: usize, peak_score: f64) -> Alarm {
+        Alarm { view, first_line, last_line, first_column: 0, last_column: 1, peak_score, strand, wire: 0 }
+    }
+
+    #[test]
+    fn one_break_seen_by_two_views_is_one_defect_and_another_strand_far_away_is_not() {
+        let alarms = vec![alarm(0, 100, 150, 2, 5.0), alarm(1, 110, 160, 2, 7.0), alarm(0, 5000, 5010, 2, 6.0)];
+        let defects = merge(alarms, 0.1);
+        assert_eq!(defects.len(), 2);
+        assert_eq!(defects[0].alarms.len(), 2);
+        assert_eq!(defects[0].peak().unwrap().view, 1);
+        assert_eq!((defects[0].first_line(), defects[0].last_line()), (100, 160));
+    }
+
+    #[test]
+    fn blocks_over_the_threshold_form_alarms_across_stretches() {
+        let scores = |blocks: Vec<f32>| StretchScores {
+            cells: Vec::new(),
+            peaks: vec![(1, 7); blocks.len()],
+            blocks,
+            block_lines: 5,
+            places: 45,
+        };
+        let mut builder = AlarmBuilder::new(0, 4.0, 0.1);
+        builder.add(0, 20, &scores(vec![1.0, 2.0, 3.0, 6.0]), 0.2, |_| Some((10, 12)));
+        builder.add(20, 20, &scores(vec![5.0, f32::NAN, 1.0, 1.0]), 0.2, |_| Some((8, 11)));
+        builder.add(2000, 10, &scores(vec![9.0, 1.0]), 0.2, |_| None);
+        let alarms = builder.finish();
+        assert_eq!(alarms.len(), 2);
+        assert_eq!((alarms[0].first_line, alarms[0].last_line), (15, 24));
+        assert_eq!((alarms[0].first_column, alarms[0].last_column, alarms[0].wire), (8, 12, 1));
+    }
+}

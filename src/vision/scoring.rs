@@ -1,0 +1,129 @@
+//! Turns filtered evidence into one comparable score: how rare such evidence is on intact rope. [extends Wacker13, sec. 5]
+//!
+//! Every filter has its own noise, so each is calibrated on intact rope that was held back from learning: sums over many pixels
+//! vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2). The upper tail of the
+//! normalised sums is close to exponential; a score of 3 means "one in 10^3 such places on intact rope", and so on.
+
+use super::evidence::{Evidence, FILTERS};
+
+/// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
+const LEAST_SHARE: f32 = 0.25;
+
+/// Calibration of one filter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FilterCalibration {
+    /// Share of the variance that pixels have in common.
+    pub shared: f64,
+    /// Most pixels that fall under the filter (95th percentile).
+    pub pixels: f64,
+    /// Normalised sum that 1 in 100 places of intact rope exceeds.
+    pub one_in_100: f64,
+    /// Normalised sum that 1 in 1000 places exceeds.
+    pub one_in_1000: f64,
+}
+
+impl FilterCalibration {
+    fn normalised(&self, sum: f32, pixels: f32) -> f64 {
+        let n = f64::from(pixels);
+        f64::from(sum) / (n + self.shared * n * n).sqrt()
+    }
+
+    /// The score of a sum: minus the decimal logarithm of how often intact rope exceeds it. `None` if too few pixels fell in.
+    #[inline]
+    pub fn score(&self, sum: f32, pixels: f32) -> Option<f32> {
+        if pixels < LEAST_SHARE * self.pixels as f32 {
+            return None;
+        }
+        let z = self.normalised(sum, pixels);
+        let decade = (self.one_in_1000 - self.one_in_100).max(0.05);
+        Some((2.0 + (z - self.one_in_100) / decade) as f32)
+    }
+}
+
+/// Gathers filtered sums of held-back intact rope.
+#[derive(Debug, Clone)]
+pub struct CalibrationSums {
+    samples: Vec<Vec<(f32, f32)>>,
+}
+
+/// Every how many places one is kept: neighbours tell nearly the same, and memory must stay small.
+const SAMPLE_STRIDE: usize = 7;
+
+impl Default for CalibrationSums {
+    fn default() -> Self {
+        Self { samples: vec![Vec::new(); FILTERS.len()] }
+    }
+}
+
+impl CalibrationSums {
+    /// Adds a stretch of intact rope.
+    pub fn add(&mut self, evidence: &Evidence, pitch_mm: f64) {
+        for (samples, filter) in self.samples.iter_mut().zip(FILTERS) {
+            let filtered = evidence.filtered(filter, pitch_mm);
+            samples.extend(filtered.iter().step_by(SAMPLE_STRIDE).filter(|(_, n)| *n > 0.0));
+        }
+    }
+
+    /// Calibrates every filter. `None` if there are too few samples.
+    pub fn calibrate(mut self) -> Option<Vec<FilterCalibration>> {
+        self.samples.iter_mut().map(|samples| calibrate(samples)).collect()
+    }
+}
+
+fn calibrate(samples: &mut Vec<(f32, f32)>) -> Option<FilterCalibration> {
+    if samples.len() < 5000 {
+        return None;
+    }
+    let quantile = |values: &mut Vec<f32>, share: f64| {
+        let at = ((values.len() - 1) as f64 * share) as usize;
+        f64::from(*values.select_nth_unstable_by(at, f32::total_cmp).1)
+    };
+    let pixels = quantile(&mut samples.iter().map(|s| s.1).collect(), 0.95);
+    samples.retain(|s| s.1 >= LEAST_SHARE * pixels as f32);
+    // Variance of the sums = n + shared n^2, by the quartiles, which defects do not reach.
+    let mut means: Vec<f32> = samples.iter().map(|s| s.0 / s.1).collect();
+    let spread = (quantile(&mut means, 0.75) - quantile(&mut means, 0.25)) / 1.349;
+    let typical = quantile(&mut samples.iter().map(|s| s.1).collect(), 0.5);
+    let shared = (spread * spread - 1.0 / typical).max(0.0);
+    let mut calibration = FilterCalibration { shared, pixels, one_in_100: 0.0, one_in_1000: 0.0 };
+    let mut z: Vec<f32> = samples.iter().map(|s| calibration.normalised(s.0, s.1) as f32).collect();
+    calibration.one_in_100 = quantile(&mut z, 0.99);
+    calibration.one_in_1000 = quantile(&mut z, 0.999);
+    Some(calibration)
+}
+
+/// Scores of a stretch in one view.
+#[derive(Debug, Clone)]
+pub struct StretchScores {
+    /// Highest score under any filter, `[(block * strands + strand) * places + place]`; NaN where nothing was judged.
+    pub cells: Vec<f32>,
+    /// Highest score of every block; NaN where nothing was judged.
+    pub blocks: Vec<f32>,
+    /// Strand and place where that highest score stands.
+    pub peaks: Vec<(usize, usize)>,
+    /// Lines per block.
+    pub block_lines: usize,
+    /// Places per strand.
+    pub places: usize,
+}
+
+/// Scores the evidence of a stretch under all filters.
+pub fn score(evidence: &Evidence, calibration: &[FilterCalibration], pitch_mm: f64) -> StretchScores {
+    let row = evidence.strands * evidence.places;
+    let mut cells = vec![f32::NAN; evidence.blocks * row];
+    for (filter, calibration) in FILTERS.into_iter().zip(calibration) {
+        for (cell, (sum, pixels)) in cells.iter_mut().zip(evidence.filtered(filter, pitch_mm)) {
+            if let Some(score) = calibration.score(sum, pixels) {
+                *cell = cell.max(score); // f32::max takes the number where the other is NaN
+            }
+        }
+    }
+    let mut blocks = Vec::with_capacity(evidence.blocks);
+    let mut peaks = Vec::with_capacity(evidence.blocks);
+    for block in cells.chunks_exact(row) {
+        let best = block.iter().enumerate().filter(|(_, s)| s.is_finite()).max_by(|a, b| a.1.total_cmp(b.1));
+        blocks.push(best.map_or(f32::NAN, |(_, &s)| s));
+        peaks.push(best.map_or((0, 0), |(at, _)| (at / evidence.places, at % evidence.places)));
+    }
+    StretchScores { cells, blocks, peaks, block_lines: evidence.block_lines, places: evidence.places }
+}
