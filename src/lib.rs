@@ -10,6 +10,7 @@ pub mod pipeline; // vision over a whole acquisition
 pub mod simulate; // ropes with known truth
 pub mod store; // SQLite and blobs
 pub mod ticketing; // one ticket per defect
+pub mod tls; // cryptography of outgoing connections
 pub mod upload;
 pub mod vision; // the paper: pure numbers and images
 pub mod workers; // jobs // the laptop's client

@@ -1,7 +1,8 @@
 //! Defects, what people decided about them, and the tickets that came of it.
 
-use super::{Id, Page, PageRequest, Store, StoreError, outbox};
-use crate::pipeline::results::DefectRow;
+use super::outbox::{self, Cause, DefectFacts};
+use super::{Id, Page, PageRequest, Store, StoreError};
+use crate::pipeline::results::{AlarmRow, DefectRow};
 use sqlx::SqliteConnection;
 
 /// A defect.
@@ -96,11 +97,59 @@ pub(super) async fn insert(
         .bind(now_ms)
         .execute(&mut *connection)
         .await?;
-        if level.is_some_and(|level| defect.peak_score >= level) {
-            outbox::enqueue_defect(&mut *connection, *id, outbox::Reason::Level, now_ms).await?;
+        if let Some(ticket_level) = level
+            && defect.peak_score >= ticket_level
+        {
+            enqueue_ticket(connection, *id, Cause::Level { ticket_level }, now_ms).await?;
         }
     }
     Ok(())
+}
+
+/// Queues the ticket of a defect, with what is known of it now; part of the caller's transaction.
+async fn enqueue_ticket(
+    connection: &mut SqliteConnection,
+    id: Id,
+    cause: Cause,
+    now_ms: i64,
+) -> Result<(), StoreError> {
+    let defect: Defect =
+        sqlx::query_as("select * from defect where id = $1").bind(id).fetch_one(&mut *connection).await?;
+    let (rope, ropeway): (String, String) =
+        sqlx::query_as("select r.name, w.name from rope r join ropeway w on w.id = r.ropeway_id where r.id = $1")
+            .bind(defect.rope_id)
+            .fetch_one(&mut *connection)
+            .await?;
+    let alarms = defect.alarms()?;
+    let worst = alarms.iter().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score));
+    let facts = DefectFacts {
+        defect_id: id.0,
+        inspection_id: defect.inspection_id.0,
+        rope_id: defect.rope_id.0,
+        rope,
+        ropeway,
+        from_m: defect.from_m,
+        to_m: defect.to_m,
+        strand: defect.strand.map(|s| s as usize),
+        wire: defect.wire.map(|w| w as usize),
+        peak_score: defect.peak_score,
+        view: worst.map_or(0, |alarm| alarm.view),
+        cause,
+    };
+    outbox::enqueue_defect(connection, &facts, now_ms).await?;
+    Ok(())
+}
+
+impl Defect {
+    /// Its alarms.
+    pub fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
+        serde_json::from_str(&self.alarms).map_err(|e| StoreError::Inconsistent {
+            table: "defect",
+            column: "alarms",
+            row: self.id.to_string(),
+            value: e.to_string(),
+        })
+    }
 }
 
 impl Store {
@@ -160,7 +209,8 @@ impl Store {
         .fetch_one(&mut *tx)
         .await?;
         if verdict.confirmed {
-            outbox::enqueue_defect(&mut tx, id, outbox::Reason::Confirmed, now_ms).await?;
+            let cause = Cause::Verdict { by: verdict.by.clone(), comment: verdict.comment.clone() };
+            enqueue_ticket(&mut tx, id, cause, now_ms).await?;
         }
         tx.commit().await?;
         Ok(Judged::Accepted(defect))

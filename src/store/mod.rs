@@ -162,8 +162,13 @@ impl Store {
         Ok(self.writer.begin_with("begin immediate").await?)
     }
 
+    /// The writing connection, for loops that make their own transactions.
+    pub fn writer(&self) -> &SqlitePool {
+        &self.writer
+    }
+
     /// Connections for reading.
-    pub(crate) fn reader(&self) -> &SqlitePool {
+    pub fn reader(&self) -> &SqlitePool {
         &self.reader
     }
 
