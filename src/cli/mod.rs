@@ -3,6 +3,7 @@
 mod demo;
 mod evaluate;
 mod inspect;
+mod logs;
 mod serve;
 mod simulate;
 mod token;
