@@ -3,7 +3,8 @@
 use super::guard::{Resolver, system_resolver};
 use super::send::{self, Answer, Message};
 use super::{event, schedule};
-use crate::store::outbox::{self, Attempt, Claim, DefectFacts, Settlement};
+use crate::store::deliveries::{self, Attempt, Claim, Settlement};
+use crate::store::outbox::DefectFacts;
 use rand_chacha::ChaCha8Rng;
 use sqlx::SqlitePool;
 use std::sync::Arc;
@@ -61,7 +62,7 @@ impl Dispatcher {
     pub async fn step(&mut self) -> sqlx::Result<usize> {
         let now_ms = (self.settings.now_ms)();
         let mut tx = self.pool.begin_with("begin immediate").await?;
-        let claims = outbox::claim_due(&mut tx, now_ms, ROUND, ROUND_PER_ENDPOINT).await?;
+        let claims = deliveries::claim_due(&mut tx, now_ms, ROUND, ROUND_PER_ENDPOINT).await?;
         tx.commit().await?;
         let settings = &self.settings;
         let answers = futures::future::join_all(claims.iter().map(|claim| attempt(claim, settings))).await;
@@ -99,7 +100,7 @@ impl Dispatcher {
             error = attempt.error, duration_ms = attempt.duration_ms, "webhook attempt"
         );
         let mut tx = self.pool.begin_with("begin immediate").await?;
-        outbox::settle(&mut tx, claim, &attempt, &settlement, now_ms).await?;
+        deliveries::settle(&mut tx, claim, &attempt, &settlement, now_ms).await?;
         tx.commit().await
     }
 
@@ -132,7 +133,7 @@ async fn attempt(claim: &Claim, settings: &Settings) -> (Attempt, Answer) {
                 secret: &claim.secret,
                 allow_private: claim.allow_private,
                 id: &claim.event_id,
-                body: event::body(&claim.event_id, claim.occurred_ms, &facts, &settings.base_url).to_string(),
+                body: event::body(&claim.event_id, claim.occurred_at_ms, &facts, &settings.base_url).to_string(),
             };
             send::attempt(&message, started_ms, settings.timeout, &settings.resolver).await
         }
@@ -147,5 +148,5 @@ async fn attempt(claim: &Claim, settings: &Settings) -> (Attempt, Answer) {
         Answer::Unreachable { reason } => (None, Some(reason.clone())),
     };
     let duration_ms = i64::try_from(begun.elapsed().as_millis()).unwrap_or(i64::MAX);
-    (Attempt { number: 0, started_ms, duration_ms, status, error }, answer)
+    (Attempt { number: 0, started_at_ms: started_ms, duration_ms, status, error }, answer)
 }
