@@ -3,6 +3,7 @@
 //!
 //! Modules in reading order.
 
+pub mod clock; // time as an argument
 pub mod evaluate; // results against truth
 pub mod http; // the service
 pub mod pipeline; // vision over a whole acquisition
