@@ -1,7 +1,7 @@
 //! Deliveries: one event on its way to one endpoint, its attempts, and what became of it.
 
-use super::{Id, webhook_endpoints};
-use sqlx::{FromRow, SqliteConnection};
+use super::{Id, Page, PageRequest, Store, StoreError, webhook_endpoints};
+use sqlx::FromRow;
 
 /// How long a dispatcher may work on a delivery before another may take it, in ms: four times the longest attempt.
 pub const LEASE_MS: i64 = 60_000;
@@ -17,7 +17,7 @@ pub struct Claim {
     pub attempts: i64,
     /// `webhook-id`, the same in every attempt.
     pub event_id: String,
-    /// JSON of [`DefectFacts`].
+    /// JSON of [`super::outbox::DefectFacts`].
     pub facts: String,
     /// When it happened, ms since 1970.
     pub occurred_at_ms: i64,
@@ -33,41 +33,28 @@ pub struct Claim {
 
 /// A delivery as people see it.
 #[derive(Debug, Clone, PartialEq, FromRow)]
+#[expect(missing_docs, reason = "migrations/0005_ticketing.sql says what each column means")]
 pub struct Delivery {
-    /// Order of arrival, for cursors.
     pub seq: i64,
-    /// Its id.
     pub id: Id,
-    /// The event.
     pub event_id: String,
-    /// The defect that the event is about.
     pub defect_id: Id,
-    /// The receiver.
     pub endpoint_id: Id,
-    /// `pending`, `delivered` or `dead`.
     pub state: String,
-    /// Attempts in the running schedule.
     pub attempts: i64,
-    /// Next attempt, ms since 1970.
     pub next_attempt_at_ms: i64,
-    /// When it was made.
     pub created_at_ms: i64,
-    /// When it was delivered or given up.
     pub settled_at_ms: Option<i64>,
 }
 
 /// One attempt of a delivery.
 #[derive(Debug, Clone, PartialEq, FromRow)]
+#[expect(missing_docs, reason = "migrations/0005_ticketing.sql says what each column means")]
 pub struct Attempt {
-    /// 1, 2, ...
     pub number: i64,
-    /// When it began, ms since 1970.
     pub started_at_ms: i64,
-    /// How long it took in ms.
     pub duration_ms: i64,
-    /// HTTP status; `None` when there was no answer.
     pub status: Option<i64>,
-    /// What went wrong; `None` when it was accepted.
     pub error: Option<String>,
 }
 
@@ -90,187 +77,170 @@ pub enum Settlement {
     },
 }
 
-/// Whether a redelivery could be asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What came of asking for a redelivery.
+#[derive(Debug, Clone, PartialEq)]
 pub enum Redelivery {
     /// It will be sent again.
-    Queued,
+    Queued(Delivery),
     /// No such delivery.
     Absent,
-    /// Its endpoint is switched off.
+    /// Its endpoint is switched off; nothing was changed.
     EndpointDisabled,
 }
 
-/// Takes the deliveries that are due: at most `limit`, and at most `per_endpoint` of one endpoint, so that a receiver that
-/// stalls holds up nobody else. What a dead process had taken is due again when its lease ends.
-pub async fn claim_due(
-    conn: &mut SqliteConnection,
-    now_ms: i64,
-    limit: i64,
-    per_endpoint: i64,
-) -> sqlx::Result<Vec<Claim>> {
-    let ids: Vec<Id> = sqlx::query_scalar(
-        "select id from (
-             select d.id, d.next_attempt_at_ms,
-                    row_number() over (partition by d.endpoint_id order by d.next_attempt_at_ms, d.id) as place
-             from webhook_delivery d join webhook_endpoint p on p.id = d.endpoint_id
-             where d.state = 'pending' and d.next_attempt_at_ms <= $1 and d.lease_until_ms <= $1 and p.enabled = 1)
-         where place <= $3 order by next_attempt_at_ms, id limit $2",
-    )
-    .bind(now_ms)
-    .bind(limit)
-    .bind(per_endpoint)
-    .fetch_all(&mut *conn)
-    .await?;
-    let mut claims = Vec::with_capacity(ids.len());
-    for id in ids {
-        let taken = sqlx::query(
-            "update webhook_delivery set lease_until_ms = $2, lease_token = lease_token + 1
-             where id = $1 and state = 'pending' and lease_until_ms <= $3",
+impl Store {
+    /// Takes the deliveries that are due: at most `limit`, and at most `per_endpoint` of one endpoint, so that a receiver that
+    /// stalls holds up nobody else. What a dead process had taken is due again when its lease ends.
+    pub async fn claim_deliveries(&self, now_ms: i64, limit: u32, per_endpoint: u32) -> Result<Vec<Claim>, StoreError> {
+        let mut tx = self.write().await?;
+        let ids: Vec<Id> = sqlx::query_scalar(
+            "select id from (
+                 select d.id, d.next_attempt_at_ms,
+                        row_number() over (partition by d.endpoint_id order by d.next_attempt_at_ms, d.seq) as place
+                 from webhook_delivery d join webhook_endpoint p on p.id = d.endpoint_id
+                 where d.state = 'pending' and d.next_attempt_at_ms <= $1 and d.lease_until_ms <= $1 and p.enabled = 1)
+             where place <= $3 order by next_attempt_at_ms, id limit $2",
         )
-        .bind(id)
-        .bind(now_ms + LEASE_MS)
         .bind(now_ms)
-        .execute(&mut *conn)
-        .await?
-        .rows_affected();
-        if taken == 1 {
-            claims.push(
-                sqlx::query_as(
-                    "select d.id, d.lease_token, d.attempts, d.event_id, e.facts, e.occurred_at_ms,
-                            d.endpoint_id, p.url, p.secret, p.allow_private
-                     from webhook_delivery d join outbox_event e on e.id = d.event_id
-                     join webhook_endpoint p on p.id = d.endpoint_id where d.id = $1",
-                )
+        .bind(limit)
+        .bind(per_endpoint)
+        .fetch_all(&mut *tx)
+        .await?;
+        let mut claims = Vec::with_capacity(ids.len());
+        for id in ids {
+            sqlx::query("update webhook_delivery set lease_until_ms = $2, lease_token = lease_token + 1 where id = $1")
                 .bind(id)
-                .fetch_one(&mut *conn)
-                .await?,
-            );
-        }
-    }
-    Ok(claims)
-}
-
-/// Logs an attempt and settles its delivery. False when the lease was lost meanwhile: then the attempt is still logged, but
-/// whoever holds the lease decides.
-pub async fn settle(
-    conn: &mut SqliteConnection,
-    claim: &Claim,
-    attempt: &Attempt,
-    settlement: &Settlement,
-    now_ms: i64,
-) -> sqlx::Result<bool> {
-    // Nothing to log when the endpoint, and with it the delivery, was deleted while the attempt ran.
-    sqlx::query(
-        "insert into webhook_attempt (delivery_id, number, started_at_ms, duration_ms, status, error)
-         select id, 1 + (select coalesce(max(number), 0) from webhook_attempt where delivery_id = $1), $2, $3, $4, $5
-         from webhook_delivery where id = $1",
-    )
-    .bind(claim.id)
-    .bind(attempt.started_at_ms)
-    .bind(attempt.duration_ms)
-    .bind(attempt.status)
-    .bind(&attempt.error)
-    .execute(&mut *conn)
-    .await?;
-    let (state, next_attempt_at_ms, settled_at_ms) = match settlement {
-        Settlement::Delivered => ("delivered", now_ms, Some(now_ms)),
-        Settlement::Retry { at_ms } => ("pending", *at_ms, None),
-        Settlement::Dead | Settlement::Disable { .. } => ("dead", now_ms, Some(now_ms)),
-    };
-    let held = sqlx::query(
-        "update webhook_delivery
-         set state = $3, next_attempt_at_ms = $4, settled_at_ms = $5, attempts = attempts + 1, lease_until_ms = 0
-         where id = $1 and lease_token = $2 and state = 'pending'",
-    )
-    .bind(claim.id)
-    .bind(claim.lease_token)
-    .bind(state)
-    .bind(next_attempt_at_ms)
-    .bind(settled_at_ms)
-    .execute(&mut *conn)
-    .await?
-    .rows_affected()
-        == 1;
-    if let Settlement::Disable { reason } = settlement {
-        webhook_endpoints::set_enabled(conn, claim.endpoint_id, false, Some(reason), now_ms).await?;
-    }
-    Ok(held)
-}
-
-/// Deliveries that came before `before` (a `seq`), newest first, of one state if given.
-pub async fn list(
-    conn: &mut SqliteConnection,
-    state: Option<&str>,
-    before: i64,
-    limit: i64,
-) -> sqlx::Result<Vec<Delivery>> {
-    sqlx::query_as(
-        "select d.seq, d.id, d.event_id, e.defect_id, d.endpoint_id, d.state, d.attempts, d.next_attempt_at_ms,
-                d.created_at_ms, d.settled_at_ms
-         from webhook_delivery d join outbox_event e on e.id = d.event_id
-         where d.seq < $1 and ($2 is null or d.state = $2) order by d.seq desc limit $3",
-    )
-    .bind(before)
-    .bind(state)
-    .bind(limit)
-    .fetch_all(&mut *conn)
-    .await
-}
-
-/// One delivery.
-pub async fn get(conn: &mut SqliteConnection, id: Id) -> sqlx::Result<Option<Delivery>> {
-    sqlx::query_as(
-        "select d.seq, d.id, d.event_id, e.defect_id, d.endpoint_id, d.state, d.attempts, d.next_attempt_at_ms,
-                d.created_at_ms, d.settled_at_ms
-         from webhook_delivery d join outbox_event e on e.id = d.event_id where d.id = $1",
-    )
-    .bind(id)
-    .fetch_optional(&mut *conn)
-    .await
-}
-
-/// The attempts of a delivery, oldest first.
-pub async fn attempts(conn: &mut SqliteConnection, delivery_id: Id) -> sqlx::Result<Vec<Attempt>> {
-    sqlx::query_as(
-        "select number, started_at_ms, duration_ms, status, error from webhook_attempt where delivery_id = $1 order by number",
-    )
-    .bind(delivery_id)
-    .fetch_all(&mut *conn)
-    .await
-}
-
-/// Starts the schedule of a delivery again, whatever its state: same event, same `webhook-id`.
-pub async fn redeliver(conn: &mut SqliteConnection, id: Id, now_ms: i64) -> sqlx::Result<Redelivery> {
-    let enabled: Option<bool> = sqlx::query_scalar(
-        "select p.enabled from webhook_delivery d join webhook_endpoint p on p.id = d.endpoint_id where d.id = $1",
-    )
-    .bind(id)
-    .fetch_optional(&mut *conn)
-    .await?;
-    match enabled {
-        None => Ok(Redelivery::Absent),
-        Some(false) => Ok(Redelivery::EndpointDisabled),
-        Some(true) => {
-            sqlx::query(
-                "update webhook_delivery set state = 'pending', attempts = 0, next_attempt_at_ms = $2, settled_at_ms = null
-                 where id = $1",
+                .bind(now_ms + LEASE_MS)
+                .execute(&mut *tx)
+                .await?;
+            let claim = sqlx::query_as(
+                "select d.id, d.lease_token, d.attempts, d.event_id, e.facts, e.occurred_at_ms,
+                        d.endpoint_id, p.url, p.secret, p.allow_private
+                 from webhook_delivery d join outbox_event e on e.id = d.event_id
+                 join webhook_endpoint p on p.id = d.endpoint_id where d.id = $1",
             )
             .bind(id)
-            .bind(now_ms)
-            .execute(&mut *conn)
+            .fetch_one(&mut *tx)
             .await?;
-            Ok(Redelivery::Queued)
+            claims.push(claim);
         }
+        tx.commit().await?;
+        Ok(claims)
     }
-}
 
-/// When the next delivery is due, ms since 1970; `None` when nothing is pending.
-pub async fn next_due_ms(conn: &mut SqliteConnection) -> sqlx::Result<Option<i64>> {
-    sqlx::query_scalar(
-        "select min(max(d.next_attempt_at_ms, d.lease_until_ms)) from webhook_delivery d
-         join webhook_endpoint p on p.id = d.endpoint_id where d.state = 'pending' and p.enabled = 1",
-    )
-    .fetch_one(&mut *conn)
-    .await
+    /// Logs an attempt (its number is given here) and settles its delivery. False when the lease was lost meanwhile: then the
+    /// attempt is still logged, but whoever holds the lease decides.
+    pub async fn settle_delivery(
+        &self,
+        claim: &Claim,
+        attempt: &Attempt,
+        settlement: &Settlement,
+        now_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.write().await?;
+        // Nothing to log when the endpoint, and with it the delivery, was deleted while the attempt ran.
+        sqlx::query(
+            "insert into webhook_attempt (delivery_id, number, started_at_ms, duration_ms, status, error)
+             select id, 1 + (select coalesce(max(number), 0) from webhook_attempt where delivery_id = $1), $2, $3, $4, $5
+             from webhook_delivery where id = $1",
+        )
+        .bind(claim.id)
+        .bind(attempt.started_at_ms)
+        .bind(attempt.duration_ms)
+        .bind(attempt.status)
+        .bind(&attempt.error)
+        .execute(&mut *tx)
+        .await?;
+        let (state, next_attempt_at_ms, settled_at_ms) = match settlement {
+            Settlement::Delivered => ("delivered", now_ms, Some(now_ms)),
+            Settlement::Retry { at_ms } => ("pending", *at_ms, None),
+            Settlement::Dead | Settlement::Disable { .. } => ("dead", now_ms, Some(now_ms)),
+        };
+        let held = sqlx::query(
+            "update webhook_delivery
+             set state = $3, next_attempt_at_ms = $4, settled_at_ms = $5, attempts = attempts + 1, lease_until_ms = 0
+             where id = $1 and lease_token = $2 and state = 'pending'",
+        )
+        .bind(claim.id)
+        .bind(claim.lease_token)
+        .bind(state)
+        .bind(next_attempt_at_ms)
+        .bind(settled_at_ms)
+        .execute(&mut *tx)
+        .await?
+        .rows_affected()
+            == 1;
+        if let Settlement::Disable { reason } = settlement {
+            webhook_endpoints::disable(&mut tx, claim.endpoint_id, reason, now_ms).await?;
+        }
+        tx.commit().await?;
+        Ok(held)
+    }
+
+    /// Deliveries, page by page; in one state if asked.
+    pub async fn deliveries(&self, state: Option<&str>, page: PageRequest) -> Result<Page<Delivery>, StoreError> {
+        let rows = sqlx::query_as(
+            "select d.*, e.defect_id from webhook_delivery d join outbox_event e on e.id = d.event_id
+             where d.seq < $1 and ($2 is null or d.state = $2) order by d.seq desc limit $3",
+        )
+        .bind(page.before_seq())
+        .bind(state)
+        .bind(page.fetch())
+        .fetch_all(self.reader())
+        .await?;
+        Ok(page.page(rows, |d: &Delivery| d.seq))
+    }
+
+    /// A delivery.
+    pub async fn delivery(&self, id: Id) -> Result<Option<Delivery>, StoreError> {
+        Ok(sqlx::query_as(
+            "select d.*, e.defect_id from webhook_delivery d join outbox_event e on e.id = d.event_id where d.id = $1",
+        )
+        .bind(id)
+        .fetch_optional(self.reader())
+        .await?)
+    }
+
+    /// The attempts of a delivery, oldest first.
+    pub async fn attempts(&self, delivery: Id) -> Result<Vec<Attempt>, StoreError> {
+        Ok(sqlx::query_as(
+            "select number, started_at_ms, duration_ms, status, error from webhook_attempt
+             where delivery_id = $1 order by number",
+        )
+        .bind(delivery)
+        .fetch_all(self.reader())
+        .await?)
+    }
+
+    /// Starts the schedule of a delivery again, whatever its state: same event, same `webhook-id`.
+    pub async fn redeliver(&self, id: Id, now_ms: i64) -> Result<Redelivery, StoreError> {
+        let mut tx = self.write().await?;
+        let enabled: Option<bool> = sqlx::query_scalar(
+            "select p.enabled from webhook_delivery d join webhook_endpoint p on p.id = d.endpoint_id where d.id = $1",
+        )
+        .bind(id)
+        .fetch_optional(&mut *tx)
+        .await?;
+        match enabled {
+            None => return Ok(Redelivery::Absent),
+            Some(false) => return Ok(Redelivery::EndpointDisabled),
+            Some(true) => {}
+        }
+        sqlx::query(
+            "update webhook_delivery set state = 'pending', attempts = 0, next_attempt_at_ms = $2, settled_at_ms = null
+             where id = $1",
+        )
+        .bind(id)
+        .bind(now_ms)
+        .execute(&mut *tx)
+        .await?;
+        let delivery = sqlx::query_as(
+            "select d.*, e.defect_id from webhook_delivery d join outbox_event e on e.id = d.event_id where d.id = $1",
+        )
+        .bind(id)
+        .fetch_one(&mut *tx)
+        .await?;
+        tx.commit().await?;
+        Ok(Redelivery::Queued(delivery))
+    }
 }
