@@ -3,14 +3,17 @@
 //!
 //! Modules in reading order.
 
+pub mod app; // what handlers and workers share
 pub mod clock; // time as an argument
+pub mod config; // every setting
 pub mod evaluate; // results against truth
-pub mod http; // the service
+pub mod http; // the API
 pub mod pipeline; // vision over a whole acquisition
+pub mod service; // all of that as one process
 pub mod simulate; // ropes with known truth
-pub mod store; // SQLite and blobs
+pub mod store; // SQLite and files
 pub mod ticketing; // one ticket per defect
-pub mod tls; // cryptography of outgoing connections
-pub mod upload;
+pub mod tls;
+pub mod upload; // the laptop's client
 pub mod vision; // the paper: pure numbers and images
-pub mod workers; // jobs // the laptop's client
+pub mod workers; // jobs // cryptography of outgoing connections

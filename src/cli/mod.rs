@@ -4,6 +4,7 @@ mod demo;
 mod evaluate;
 mod healthcheck;
 mod inspect;
+mod logs;
 mod serve;
 mod simulate;
 mod token;
