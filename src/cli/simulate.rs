@@ -75,7 +75,14 @@ pub(crate) struct SimulateArgs {
     #[arg(long, value_name = "N", help_heading = "Cameras")]
     views: Option<usize>,
     /// Angles of the cameras instead, comma-separated
-    #[arg(long, value_name = "DEG,...", value_delimiter = ',', allow_negative_numbers = true, conflicts_with = "views", help_heading = "Cameras")]
+    #[arg(
+        long,
+        value_name = "DEG,...",
+        value_delimiter = ',',
+        allow_negative_numbers = true,
+        conflicts_with = "views",
+        help_heading = "Cameras"
+    )]
     view_angles: Option<Vec<f64>>,
     /// Rope per camera line [default: 0.1]
     #[arg(long, value_name = "MM", help_heading = "Cameras")]
@@ -241,7 +248,8 @@ struct Teller {
 impl Teller {
     fn new(scene: &Scene) -> Self {
         let terminal = std::io::stderr().is_terminal();
-        let bar = if terminal { ProgressBar::new((scene.lines() * scene.views()) as u64) } else { ProgressBar::hidden() };
+        let bar =
+            if terminal { ProgressBar::new((scene.lines() * scene.views()) as u64) } else { ProgressBar::hidden() };
         if let Ok(style) = ProgressStyle::with_template("rendering {wide_bar} {percent} %  {msg}  {eta} left") {
             bar.set_style(style);
         }

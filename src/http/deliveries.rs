@@ -170,7 +170,8 @@ pub async fn redeliver(State(app): State<App>, Path(id): Path<Uuid>) -> Result<R
         Redelivery::Queued(row) => {
             app.outbox_wake.notify_one();
             let address = format!("/api/v1/deliveries/{id}");
-            Ok((StatusCode::ACCEPTED, [(header::LOCATION, address)], axum::Json(view(&app, row).await?)).into_response())
+            Ok((StatusCode::ACCEPTED, [(header::LOCATION, address)], axum::Json(view(&app, row).await?))
+                .into_response())
         }
     }
 }

@@ -67,7 +67,7 @@ pub struct NewWebhookEndpoint {
     /// Id, if the client chooses it.
     id: Option<Uuid>,
     /// Where events are posted to: http or https, without user name and password.
-    #[schema(min_length = 1, max_length = 2000, format = Uri)]
+    #[schema(min_length = 1, max_length = 2000, example = "https://maintenance.example/hooks/ropescope")]
     url: String,
     /// May its address be in a private network? Needed for receivers on the operator's own machines.
     #[serde(default)]

@@ -50,10 +50,10 @@ pub fn render(scene: &Scene, view: usize, frame: usize) -> Vec<u8> {
 /// The volumetric contours of a line in px, lower and upper: the outermost strand outlines. [Wacker13, eq. 6-8]
 pub fn contours_px(scene: &Scene, cut: &CrossSection) -> (f64, f64) {
     let (camera, radius_mm) = (scene.camera(), scene.rope().strand_radius_mm());
-    cut.strands.iter().map(|s| camera.outline_px(s.y, s.z, radius_mm)).fold(
-        (f64::INFINITY, f64::NEG_INFINITY),
-        |(low, high), (l, h)| (low.min(l), high.max(h)),
-    )
+    cut.strands
+        .iter()
+        .map(|s| camera.outline_px(s.y, s.z, radius_mm))
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (l, h)| (low.min(l), high.max(h)))
 }
 
 #[cfg(test)]

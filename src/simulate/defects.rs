@@ -228,7 +228,10 @@ mod tests {
         }
         assert!(planted.iter().all(|d| d.centre_mm - d.half_mm > 4000.0 && d.centre_mm + d.half_mm < 8000.0));
         assert!(planted.windows(2).all(|w| w[1].centre_mm - w[0].centre_mm >= 149.0));
-        assert_eq!(near(planted, planted[3].centre_mm, planted[3].centre_mm).iter().filter(|(i, _)| *i == 3).count(), 1);
+        assert_eq!(
+            near(planted, planted[3].centre_mm, planted[3].centre_mm).iter().filter(|(i, _)| *i == 3).count(),
+            1
+        );
     }
 
     #[test]

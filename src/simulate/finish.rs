@@ -230,7 +230,8 @@ mod tests {
     #[test]
     fn dirt_makes_rope_darker_and_duller() {
         let mean = |dirt| {
-            let recipe = Recipe { dirt, oil_spots_per_m: 0.0, scratches_per_m: 0.0, water: 0.0, ..Recipe::photographic() };
+            let recipe =
+                Recipe { dirt, oil_spots_per_m: 0.0, scratches_per_m: 0.0, water: 0.0, ..Recipe::photographic() };
             let scene = Scene::new(&recipe, 6).unwrap();
             let coats = (0..2000).map(|k| scene.finish.at_line(f64::from(k)).coat(&place()));
             let (albedo, gloss) = coats.fold((0.0, 0.0), |sum, c| (sum.0 + c.albedo, sum.1 + c.gloss));

@@ -77,11 +77,7 @@ impl Lamps {
     /// Light from a point of a wire with normal (y, z) in the cut, relative to white paper facing the lamps.
     pub fn shade(&self, wire: &WireLight, normal: [f32; 2], coat: &Coat, openness: f32, lit: [f32; 3]) -> f32 {
         let lean = normal[0] * wire.tangent[1] + normal[1] * wire.tangent[2];
-        let n = unit([
-            -lean * wire.tangent[0],
-            normal[0] - lean * wire.tangent[1],
-            normal[1] - lean * wire.tangent[2],
-        ]);
+        let n = unit([-lean * wire.tangent[0], normal[0] - lean * wire.tangent[1], normal[1] - lean * wire.tangent[2]]);
         let mut diffuse = AMBIENT * (0.55 - 0.45 * n[2]);
         let mut highlight = 0.0;
         for (k, lamp) in self.0.iter().enumerate() {
@@ -103,7 +99,8 @@ impl Shadows {
     pub fn prepare(&mut self, rope: &Rope, cut: &CrossSection) {
         self.radius = rope.strand_radius_mm() as f32;
         self.strands.clear();
-        let near = cut.strands.iter().enumerate().filter(|(_, s)| s.z - cut.axis.1 < 0.6 * rope.strand_curve_radius_mm());
+        let near =
+            cut.strands.iter().enumerate().filter(|(_, s)| s.z - cut.axis.1 < 0.6 * rope.strand_curve_radius_mm());
         self.strands.extend(near.map(|(j, s)| (j, s.y as f32, s.z as f32)));
     }
 

@@ -86,8 +86,7 @@ impl<'a> LinePainter<'a> {
         self.wire_light.resize(self.cut.wires.len(), None);
         let finish = scene.finish.at_line(self.cut.x_mm);
         let recipe = scene.recipe();
-        let level =
-            WHITE * (recipe.exposure * scene.light[self.view].value(line as f64 * recipe.line_pitch_mm)) as f32;
+        let level = WHITE * (recipe.exposure * scene.light[self.view].value(line as f64 * recipe.line_pitch_mm)) as f32;
         let rope_radius_mm = rope.diameter_mm() / 2.0;
         let (low, high) = self.trace.outline;
         let column = |ray: f64| (ray + 0.5) / RAYS_PER_PX as f64 - 0.5;

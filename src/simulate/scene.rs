@@ -25,13 +25,8 @@ impl DriftingHelix {
         let (fast, slow) = (TAU / shortest, TAU / longest);
         let (middle, reach) = ((fast + slow) / 2.0, (fast - slow) / 2.0);
         let centre = middle + reach * own * (2.0 * rng.random::<f64>() - 1.0);
-        let waves = SmoothCurve::waves(
-            rng,
-            centre * nominal_mm.signum(),
-            reach * (1.0 - own),
-            wave_m * 1e3..wave_m * 1e4,
-            4,
-        );
+        let waves =
+            SmoothCurve::waves(rng, centre * nominal_mm.signum(), reach * (1.0 - own), wave_m * 1e3..wave_m * 1e4, 4);
         Self { offset_rad: rng.random::<f64>() * TAU, rad_per_mm: waves }
     }
 
@@ -80,9 +75,7 @@ impl Scene {
         let strand =
             DriftingHelix::random(rng, recipe.strand_lay_mm, recipe.strand_lay_drift_mm, 0.0, recipe.drift_wave_m);
         let wires = (0..recipe.strands)
-            .map(|_| {
-                DriftingHelix::random(rng, recipe.wire_lay_mm, recipe.wire_lay_drift_mm, 0.4, recipe.drift_wave_m)
-            })
+            .map(|_| DriftingHelix::random(rng, recipe.wire_lay_mm, recipe.wire_lay_drift_mm, 0.4, recipe.drift_wave_m))
             .collect();
         let lay_mm = recipe.strand_lay_mm.abs();
         let strand_jitter = (0..recipe.strands)
@@ -93,8 +86,7 @@ impl Scene {
         let rng = &mut motion;
         let reach_mm = recipe.oscillation_px * recipe.camera_distance_mm / camera.focal_px;
         // two directions of equal strength: a view at any angle sees at most `oscillation_px`
-        let offset_mm =
-            [0, 1].map(|_| SmoothCurve::waves(rng, 0.0, reach_mm * 0.5_f64.sqrt(), 120.0..3000.0, 5));
+        let offset_mm = [0, 1].map(|_| SmoothCurve::waves(rng, 0.0, reach_mm * 0.5_f64.sqrt(), 120.0..3000.0, 5));
         let encoder_mm = SmoothCurve::waves(rng, 0.0, recipe.encoder_jitter_mm / 2.0, 25.0..500.0, 4).from_zero();
         let light = recipe
             .view_angles_deg

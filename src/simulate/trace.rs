@@ -144,8 +144,7 @@ impl Trace {
         let wire = cut.wires[w];
         let (low, high) = camera.outline_px(wire.y, wire.z, rope.wire_radius_mm());
         let (low, high) = (ray_of(low), ray_of(high));
-        let (y, depth, r) =
-            (wire.y as f32, (wire.z + camera.distance_mm) as f32, rope.wire_radius_mm() as f32);
+        let (y, depth, r) = (wire.y as f32, (wire.z + camera.distance_mm) as f32, rope.wire_radius_mm() as f32);
         let mut any = false;
         for s in rays_within(low, high, self.id.len()) {
             let met = first_meeting(self.slope[s], y, depth, r);
