@@ -6,7 +6,9 @@ use crate::config::Settings;
 use crate::http;
 use crate::store::folder::Instance;
 use crate::store::{Store, StoreError};
+use crate::ticketing::{self, Dispatcher};
 use crate::workers::Workers;
+use rand::SeedableRng;
 use std::fs::File;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -84,6 +86,12 @@ impl Service {
         }
         let tasks = TaskTracker::new();
         Workers::new(app.clone(), &instance.id.to_string()).spawn(&tasks);
+        if lock.is_some() {
+            let settings = ticketing::Settings::new(&app.base_url);
+            let rng = rand_chacha::ChaCha8Rng::from_rng(&mut rand::rng());
+            let dispatcher = Dispatcher::new(app.store.clone(), Arc::clone(&app.clock), settings, rng);
+            tasks.spawn(dispatcher.run(Arc::clone(&app.outbox_wake), app.shutdown.clone()));
+        }
         Ok(Self { app, address, tasks, instance, _service_lock: lock })
     }
 

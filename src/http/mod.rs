@@ -5,6 +5,7 @@
 
 pub mod acquisitions;
 pub mod auth;
+pub mod deliveries;
 pub mod extract;
 pub mod frames;
 pub mod guard;
@@ -19,5 +20,6 @@ pub mod server;
 pub mod times;
 pub mod tokens;
 mod upload;
+pub mod webhooks;
 
 pub use problem::Problem;

@@ -87,6 +87,8 @@ kinds! {
     job_ended: CONFLICT, "job-ended", "The job has already ended";
     /// Somebody decided otherwise.
     verdict_differs: CONFLICT, "verdict-differs", "There is another verdict already";
+    /// Nothing is sent to the endpoint.
+    endpoint_disabled: CONFLICT, "endpoint-disabled", "The webhook endpoint is switched off";
     /// Too many bytes.
     body_too_large: PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large";
     /// Not a type that is taken.

@@ -1,7 +1,7 @@
 //! Every route, and who may use it.
 
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
-use super::{Problem, acquisitions, frames, guard, health, openapi, ropes, ropeways, tokens};
+use super::{Problem, acquisitions, deliveries, frames, guard, health, openapi, ropes, ropeways, tokens, webhooks};
 use crate::app::App;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -41,11 +41,19 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(ropeways::put_ropeway))
         .routes(routes!(ropes::create_rope))
         .routes(routes!(ropes::put_rope))
-        .routes(routes!(ropes::patch_ticketing));
+        .routes(routes!(ropes::patch_ticketing))
+        .routes(routes!(deliveries::list_deliveries))
+        .routes(routes!(deliveries::get_delivery))
+        .routes(routes!(deliveries::redeliver));
     let admin = OpenApiRouter::new()
         .routes(routes!(tokens::create_token))
         .routes(routes!(tokens::list_tokens))
-        .routes(routes!(tokens::revoke_token));
+        .routes(routes!(tokens::revoke_token))
+        .routes(routes!(webhooks::create_endpoint))
+        .routes(routes!(webhooks::list_endpoints))
+        .routes(routes!(webhooks::get_endpoint))
+        .routes(routes!(webhooks::patch_endpoint))
+        .routes(routes!(webhooks::delete_endpoint));
     let _ = TICKETERS;
     OpenApiRouter::new()
         .merge(group(app, EVERYBODY, everybody))

@@ -4,6 +4,7 @@
 
 pub mod acquisitions;
 pub mod defects;
+pub mod deliveries;
 pub mod folder;
 pub mod frames;
 mod id;
@@ -16,6 +17,7 @@ pub mod outbox;
 pub mod ropes;
 pub mod ropeways;
 pub mod tokens;
+pub mod webhook_endpoints;
 
 pub use folder::DataFolder;
 pub use id::Id;

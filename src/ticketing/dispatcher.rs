@@ -3,16 +3,18 @@
 use super::guard::{Resolver, system_resolver};
 use super::send::{self, Answer, Message};
 use super::{event, schedule};
-use crate::store::outbox::{self, Attempt, Claim, DefectFacts, Settlement};
+use crate::clock::Clock;
+use crate::store::deliveries::{Attempt, Claim, Settlement};
+use crate::store::outbox::DefectFacts;
+use crate::store::{Store, StoreError};
 use rand_chacha::ChaCha8Rng;
-use sqlx::SqlitePool;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
 
 /// Deliveries of one round, and of one endpoint in a round.
-const ROUND: i64 = 16;
-const ROUND_PER_ENDPOINT: i64 = 4;
+const ROUND: u32 = 16;
+const ROUND_PER_ENDPOINT: u32 = 4;
 /// Longest sleep between rounds: another process may have written to the outbox.
 const LONGEST_SLEEP: Duration = Duration::from_secs(2);
 
@@ -27,52 +29,47 @@ pub struct Settings {
     pub timeout: Duration,
     /// Turns host names into addresses.
     pub resolver: Resolver,
-    /// The time, ms since 1970.
-    pub now_ms: Arc<dyn Fn() -> i64 + Send + Sync>,
 }
 
 impl Settings {
     /// The settings of the service: everything as documented, links to `base_url`.
-    pub fn new(base_url: &str, now_ms: Arc<dyn Fn() -> i64 + Send + Sync>) -> Self {
+    pub fn new(base_url: &str) -> Self {
         Self {
             base_url: base_url.trim_end_matches('/').to_owned(),
             waits_s: schedule::WAITS_S.to_vec(),
             timeout: send::TIMEOUT,
             resolver: system_resolver(),
-            now_ms,
         }
     }
 }
 
 /// Carries events to endpoints.
 pub struct Dispatcher {
-    pool: SqlitePool,
+    store: Store,
+    clock: Arc<dyn Clock>,
     settings: Settings,
     rng: ChaCha8Rng,
 }
 
 impl Dispatcher {
-    /// A dispatcher on the database of `pool` (which must allow writing); `rng` is for the jitter.
-    pub fn new(pool: SqlitePool, settings: Settings, rng: ChaCha8Rng) -> Self {
-        Self { pool, settings, rng }
+    /// A dispatcher of the outbox of `store`; `rng` is for the jitter.
+    pub fn new(store: Store, clock: Arc<dyn Clock>, settings: Settings, rng: ChaCha8Rng) -> Self {
+        Self { store, clock, settings, rng }
     }
 
     /// Attempts what is due now, side by side, and records what came of it. Returns the number of attempts.
-    pub async fn step(&mut self) -> sqlx::Result<usize> {
-        let now_ms = (self.settings.now_ms)();
-        let mut tx = self.pool.begin_with("begin immediate").await?;
-        let claims = outbox::claim_due(&mut tx, now_ms, ROUND, ROUND_PER_ENDPOINT).await?;
-        tx.commit().await?;
-        let settings = &self.settings;
-        let answers = futures::future::join_all(claims.iter().map(|claim| attempt(claim, settings))).await;
+    pub async fn step(&mut self) -> Result<usize, StoreError> {
+        let claims = self.store.claim_deliveries(self.clock.now_ms(), ROUND, ROUND_PER_ENDPOINT).await?;
+        let (settings, clock) = (&self.settings, &*self.clock);
+        let answers = futures::future::join_all(claims.iter().map(|claim| attempt(claim, settings, clock))).await;
         for (claim, (attempt, answer)) in claims.iter().zip(answers) {
             self.settle(claim, attempt, &answer).await?;
         }
         Ok(claims.len())
     }
 
-    async fn settle(&mut self, claim: &Claim, attempt: Attempt, answer: &Answer) -> sqlx::Result<()> {
-        let now_ms = (self.settings.now_ms)();
+    async fn settle(&mut self, claim: &Claim, attempt: Attempt, answer: &Answer) -> Result<(), StoreError> {
+        let now_ms = self.clock.now_ms();
         let failed = usize::try_from(claim.attempts).unwrap_or(usize::MAX).saturating_add(1);
         let mut later =
             |retry_after| match schedule::wait_ms(&self.settings.waits_s, failed, retry_after, &mut self.rng) {
@@ -98,9 +95,8 @@ impl Dispatcher {
             event = claim.event_id, endpoint = %claim.endpoint_id.0, outcome, status = attempt.status,
             error = attempt.error, duration_ms = attempt.duration_ms, "webhook attempt"
         );
-        let mut tx = self.pool.begin_with("begin immediate").await?;
-        outbox::settle(&mut tx, claim, &attempt, &settlement, now_ms).await?;
-        tx.commit().await
+        self.store.settle_delivery(claim, &attempt, &settlement, now_ms).await?;
+        Ok(())
     }
 
     /// Repeats [`Self::step`] until `shutdown`; `wake` ends a sleep early. An attempt that runs is finished first. A database that
@@ -121,8 +117,8 @@ impl Dispatcher {
     }
 }
 
-async fn attempt(claim: &Claim, settings: &Settings) -> (Attempt, Answer) {
-    let started_ms = (settings.now_ms)();
+async fn attempt(claim: &Claim, settings: &Settings, clock: &dyn Clock) -> (Attempt, Answer) {
+    let started_ms = clock.now_ms();
     let begun = Instant::now();
     let answer = match serde_json::from_str::<DefectFacts>(&claim.facts) {
         Err(error) => Answer::Unreachable { reason: format!("the stored event cannot be read: {error}") },
@@ -132,7 +128,7 @@ async fn attempt(claim: &Claim, settings: &Settings) -> (Attempt, Answer) {
                 secret: &claim.secret,
                 allow_private: claim.allow_private,
                 id: &claim.event_id,
-                body: event::body(&claim.event_id, claim.occurred_ms, &facts, &settings.base_url).to_string(),
+                body: event::body(&claim.event_id, claim.occurred_at_ms, &facts, &settings.base_url).to_string(),
             };
             send::attempt(&message, started_ms, settings.timeout, &settings.resolver).await
         }
@@ -147,5 +143,5 @@ async fn attempt(claim: &Claim, settings: &Settings) -> (Attempt, Answer) {
         Answer::Unreachable { reason } => (None, Some(reason.clone())),
     };
     let duration_ms = i64::try_from(begun.elapsed().as_millis()).unwrap_or(i64::MAX);
-    (Attempt { number: 0, started_ms, duration_ms, status, error }, answer)
+    (Attempt { number: 0, started_at_ms: started_ms, duration_ms, status, error }, answer)
 }

@@ -1,0 +1,244 @@
+//! Defects: their kinds, how they are planted, and what they do to the rope's shape.
+
+use super::noise::{Stream, generator};
+use super::recipe::METRES_PER_DEFECT;
+use super::scene::Scene;
+use super::trace::wrap;
+use rand::Rng;
+use rand::seq::SliceRandom;
+use std::f64::consts::{PI, TAU};
+
+/// What is wrong with the rope.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DefectKind {
+    /// A wire with a gap of 0.5 to 3 mm.
+    BrokenWire,
+    /// A wire that is not there for 20 to 150 mm.
+    MissingWire,
+    /// Rough, dull, pitted surface along one to three wires.
+    Corrosion,
+    /// A spot where lightning or an arc melted the surface.
+    ArcBurn,
+    /// A wire that stands out of the rope; broken when severe.
+    LiftedWire,
+    /// A groove across the wires.
+    Notch,
+    /// A wire that wanders in its strand.
+    LooseWire,
+    /// Crowns worn flat.
+    Abrasion,
+}
+
+/// All kinds, in the order in which they are planted before shuffling.
+pub const KINDS: [DefectKind; 8] = [
+    DefectKind::BrokenWire,
+    DefectKind::MissingWire,
+    DefectKind::Corrosion,
+    DefectKind::ArcBurn,
+    DefectKind::LiftedWire,
+    DefectKind::Notch,
+    DefectKind::LooseWire,
+    DefectKind::Abrasion,
+];
+
+impl DefectKind {
+    /// Its name in labels.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::BrokenWire => "broken_wire",
+            Self::MissingWire => "missing_wire",
+            Self::Corrosion => "corrosion",
+            Self::ArcBurn => "arc_burn",
+            Self::LiftedWire => "lifted_wire",
+            Self::Notch => "notch",
+            Self::LooseWire => "loose_wire",
+            Self::Abrasion => "abrasion",
+        }
+    }
+}
+
+/// A planted defect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Defect {
+    /// Its number, from 0 along the rope.
+    pub id: usize,
+    /// Its kind.
+    pub kind: DefectKind,
+    /// 0.15 (hard to see) to 1.
+    pub severity: f64,
+    /// Strand it is on.
+    pub strand: usize,
+    /// Wire of the strand it is on (the middle one if several are).
+    pub wire: usize,
+    /// Its middle along the rope in mm.
+    pub centre_mm: f64,
+    /// Half its length along the rope in mm.
+    pub half_mm: f64,
+    /// Where on the rope: angle of its middle round the rope in rope axes, in rad.
+    pub angle_rad: f64,
+    /// Its own source of roughness.
+    pub roughness: u32,
+}
+
+/// Longest reach of a defect from its middle in mm.
+pub const REACH_MM: f64 = 80.0;
+
+/// Plants the defects of a scene's recipe: every kind in turn, in places that at least one camera can see.
+pub fn plant(scene: &Scene) -> Vec<Defect> {
+    let recipe = scene.recipe();
+    let rope = scene.rope();
+    let mut rng = generator(scene.seed(), Stream::Defects);
+    let count = recipe.defects;
+    let mut kinds: Vec<DefectKind> = Vec::with_capacity(count);
+    while kinds.len() < count {
+        let mut round = KINDS;
+        round.shuffle(&mut rng);
+        kinds.extend(round);
+    }
+    let room_mm = (recipe.metres - recipe.defect_free_m) * 1000.0 / count.max(1) as f64;
+    let slack_mm = room_mm - METRES_PER_DEFECT * 1000.0;
+    (0..count)
+        .map(|id| {
+            let kind = kinds[id];
+            let severity = 0.15 + 0.85 * rng.random::<f64>();
+            let (wave, turn) = (rng.random::<f64>(), rng.random::<f64>());
+            let centre_mm = recipe.defect_free_m * 1000.0
+                + id as f64 * room_mm
+                + METRES_PER_DEFECT * 500.0
+                + slack_mm.max(0.0) * wave;
+            // the strand that faces a camera (within 50 degrees), and its outermost wire
+            let view = rng.random_range(0..scene.views());
+            let facing = scene.view_angle_rad(view) + (turn - 0.5) * 1.7;
+            let strand = nearest(rope.strands(), facing, |j| scene.strand_phase_rad(j, centre_mm));
+            let outward = scene.strand_phase_rad(strand, centre_mm);
+            let wire = nearest(rope.wires(), outward, |i| {
+                scene.wires[strand].phase_rad(centre_mm) + i as f64 * rope.wire_step_rad()
+            });
+            let half_mm = match kind {
+                DefectKind::BrokenWire => 0.25 + 1.25 * severity,
+                DefectKind::MissingWire => 10.0 + 62.0 * severity,
+                DefectKind::Corrosion => 4.0 + 14.0 * severity,
+                DefectKind::ArcBurn => 0.8 + 2.4 * severity,
+                DefectKind::LiftedWire => 5.0 + 9.0 * severity,
+                DefectKind::Notch => 1.5 + 5.0 * severity,
+                DefectKind::LooseWire => 15.0 + 30.0 * severity,
+                DefectKind::Abrasion => 8.0 + 18.0 * severity,
+            };
+            let angle_rad = outward + (rng.random::<f64>() - 0.5) * 0.3;
+            Defect { id, kind, severity, strand, wire, centre_mm, half_mm, angle_rad, roughness: rng.random() }
+        })
+        .collect()
+}
+
+/// Index of the phase nearest to `wanted`.
+fn nearest(n: usize, wanted: f64, phase: impl Fn(usize) -> f64) -> usize {
+    let away = |k: usize| wrap(phase(k) - wanted).abs();
+    (0..n).min_by(|&a, &b| away(a).total_cmp(&away(b))).unwrap_or(0)
+}
+
+/// The defects that may reach x in `from_mm..=to_mm`, each with its index.
+pub fn near(defects: &[Defect], from_mm: f64, to_mm: f64) -> Vec<(usize, &Defect)> {
+    let first = defects.partition_point(|d| d.centre_mm + REACH_MM < from_mm);
+    defects.iter().enumerate().skip(first).take_while(|(_, d)| d.centre_mm - REACH_MM <= to_mm).collect()
+}
+
+impl Defect {
+    /// Whether any of it is at `x_mm`.
+    pub fn reaches(&self, x_mm: f64) -> bool {
+        let margin_mm = match self.kind {
+            DefectKind::BrokenWire | DefectKind::MissingWire => 8.0, // ends that stand up
+            _ => 2.0,
+        };
+        (x_mm - self.centre_mm).abs() < self.half_mm + margin_mm
+    }
+
+    /// Whether its wire has a gap somewhere.
+    pub fn breaks_wire(&self) -> bool {
+        self.gap_half_mm() > 0.0
+    }
+
+    /// Half the length of the gap in its wire in mm; 0 if it has none.
+    pub fn gap_half_mm(&self) -> f64 {
+        match self.kind {
+            DefectKind::BrokenWire | DefectKind::MissingWire => self.half_mm,
+            DefectKind::LiftedWire if self.severity > 0.5 => 0.4 + 1.2 * self.severity,
+            _ => 0.0,
+        }
+    }
+
+    /// Whether the wire is gone at `x_mm`, `psi_rad` round the wire from its outer side. The ends are torn, not cut square.
+    pub fn gap_at(&self, x_mm: f64, psi_rad: f64) -> bool {
+        self.from_gap_mm(x_mm, psi_rad) < 0.0
+    }
+
+    /// Distance to the nearer end of the gap in mm, negative inside.
+    pub fn from_gap_mm(&self, x_mm: f64, psi_rad: f64) -> f64 {
+        let half_mm = self.gap_half_mm();
+        if half_mm <= 0.0 {
+            return f64::INFINITY;
+        }
+        let seed = f64::from(self.roughness % 628) / 100.0;
+        let side = if x_mm < self.centre_mm { 0.0 } else { 2.0 };
+        let torn = 0.25 * (psi_rad + seed + side).sin() + 0.08 * (5.0 * psi_rad + seed).sin();
+        (x_mm - self.centre_mm).abs() - (half_mm + torn * half_mm.min(0.8)).max(0.15)
+    }
+
+    /// How far its wire is moved at `x_mm`: outward from the strand's axis in mm, and round it in rad.
+    pub fn moves_wire(&self, x_mm: f64, wire_radius_mm: f64) -> Option<(f64, f64)> {
+        let u = (x_mm - self.centre_mm) / self.half_mm;
+        match self.kind {
+            DefectKind::LiftedWire if u.abs() < 1.0 => {
+                let bump = (0.5 * PI * u).cos().powi(2);
+                Some(((0.35 + 1.5 * self.severity) * wire_radius_mm * bump, 0.12 * self.severity * bump))
+            }
+            DefectKind::LooseWire if u.abs() < 1.0 => {
+                let bump = (0.5 * PI * u).cos().powi(2);
+                let wander = (TAU * 1.3 * u + f64::from(self.roughness % 7)).sin();
+                Some((
+                    (0.25 + 0.5 * self.severity) * wire_radius_mm * bump * (0.6 + 0.4 * wander),
+                    0.3 * self.severity * bump * wander,
+                ))
+            }
+            DefectKind::BrokenWire | DefectKind::MissingWire => {
+                // the tension is gone: ends rise over a few mm
+                let past_mm = (x_mm - self.centre_mm).abs() - self.half_mm;
+                (past_mm.abs() < 7.0).then(|| {
+                    let rise = (1.0 - past_mm.max(0.0) / 7.0).powi(2);
+                    (0.22 * self.severity * wire_radius_mm * rise, 0.0)
+                })
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::Recipe;
+
+    #[test]
+    fn every_kind_is_planted_after_the_intact_part_and_apart() {
+        let recipe = Recipe { defects: 16, defect_free_m: 4.0, metres: 8.0, ..Recipe::photographic() };
+        let scene = Scene::new(&recipe, 5).unwrap();
+        let planted = scene.defects();
+        assert_eq!(planted.len(), 16);
+        for kind in KINDS {
+            assert_eq!(planted.iter().filter(|d| d.kind == kind).count(), 2, "{kind:?}");
+        }
+        assert!(planted.iter().all(|d| d.centre_mm - d.half_mm > 4000.0 && d.centre_mm + d.half_mm < 8000.0));
+        assert!(planted.windows(2).all(|w| w[1].centre_mm - w[0].centre_mm >= 149.0));
+        assert_eq!(
+            near(planted, planted[3].centre_mm, planted[3].centre_mm).iter().filter(|(i, _)| *i == 3).count(),
+            1
+        );
+    }
+
+    #[test]
+    fn a_broken_wire_is_gone_in_its_gap_only() {
+        let scene = Scene::new(&Recipe { defects: 8, metres: 3.0, ..Recipe::photographic() }, 1).unwrap();
+        let broken = scene.defects().iter().find(|d| d.kind == DefectKind::BrokenWire).unwrap();
+        assert!(broken.gap_at(broken.centre_mm, 0.0));
+        assert!(!broken.gap_at(broken.centre_mm + broken.half_mm + 0.5, 0.0));
+    }
+}

@@ -1,0 +1,230 @@
+//! The photographic kind: round wires under lamps, line by line.
+
+use super::background::Backdrop;
+use super::cross_section::CrossSection;
+use super::defects::{self, Defect};
+use super::finish::{Coat, Place};
+use super::light::{Lamps, Shadows, WireLight};
+use super::noise::{GaussianStream, Stream};
+use super::scene::Scene;
+use super::trace::{BACKGROUND, RAYS_PER_PX, ROPE_CORE, STRAND_CORES, Trace, fast_angle, wrap};
+
+/// Gray level of a well lit surface of albedo 1 at exposure 1.
+const WHITE: f32 = 330.0;
+/// Gray level of the inside of the rope.
+const INSIDE: f32 = 9.0;
+
+/// Renders one frame.
+pub fn render(scene: &Scene, view: usize, frame: usize) -> Vec<u8> {
+    let width = scene.recipe().sensor_px as usize;
+    let (first, height) = (scene.first_line(frame), scene.frame_height(frame));
+    let mut pixels = vec![0; width * height];
+    let mut noise = GaussianStream::new(scene.seed(), Stream::Frame { view, frame });
+    let near = defects::near(scene.defects(), scene.x_mm(first), scene.x_mm(first + height));
+    let mut line = LinePainter::new(scene, view);
+    for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
+        line.paint(first + row, &near);
+        scene.sensors[view].expose(&line.gray, &mut noise, pixels);
+    }
+    pixels
+}
+
+/// Paints the rays of one line after the other.
+pub struct LinePainter<'a> {
+    scene: &'a Scene,
+    view: usize,
+    cut: CrossSection,
+    trace: Trace,
+    shadows: Shadows,
+    lamps: Lamps,
+    wire_light: Vec<Option<WireLight>>,
+    backdrop: Backdrop,
+    gray: Vec<f32>,
+}
+
+/// Where a ray ends on the rope.
+struct Hit {
+    place: Place,
+    /// Normal (y, z) of the wire in the cut.
+    normal: [f32; 2],
+    /// The point (y, z) in mm.
+    point: [f32; 2],
+}
+
+impl<'a> LinePainter<'a> {
+    /// A painter for a view.
+    pub fn new(scene: &'a Scene, view: usize) -> Self {
+        let sensor_px = scene.recipe().sensor_px;
+        Self {
+            scene,
+            view,
+            cut: CrossSection::default(),
+            trace: Trace::new(scene.camera(), sensor_px),
+            shadows: Shadows::default(),
+            lamps: Lamps::new(1.0 + 0.06 * (view as f32 * 2.4).sin()),
+            wire_light: Vec::new(),
+            backdrop: Backdrop::new(scene.recipe().background, sensor_px, view),
+            gray: vec![0.0; sensor_px as usize * RAYS_PER_PX],
+        }
+    }
+
+    /// Cuts and follows the rays of a line. Returns the defects that reach it.
+    fn look<'d>(&mut self, line: usize, near: &[(usize, &'d Defect)]) -> Vec<(usize, &'d Defect)> {
+        let x_mm = self.scene.x_mm(line);
+        let here: Vec<_> = near.iter().filter(|(_, d)| d.reaches(x_mm)).copied().collect();
+        self.cut.cut(self.scene, self.view, line, &here);
+        self.trace.follow(self.scene.camera(), self.scene.rope(), &self.cut, &here);
+        here
+    }
+
+    fn paint(&mut self, line: usize, near: &[(usize, &Defect)]) {
+        let here = self.look(line, near);
+        let scene = self.scene;
+        let rope = scene.rope();
+        self.shadows.prepare(rope, &self.cut);
+        self.wire_light.clear();
+        self.wire_light.resize(self.cut.wires.len(), None);
+        let finish = scene.finish.at_line(self.cut.x_mm);
+        let recipe = scene.recipe();
+        let level = WHITE * (recipe.exposure * scene.light[self.view].value(line as f64 * recipe.line_pitch_mm)) as f32;
+        let rope_radius_mm = rope.diameter_mm() / 2.0;
+        let (low, high) = self.trace.outline;
+        let column = |ray: f64| (ray + 0.5) / RAYS_PER_PX as f64 - 0.5;
+        let (low_px, high_px) = (column(low), column(high));
+        for s in 0..self.gray.len() {
+            self.gray[s] = match self.trace.id[s] {
+                BACKGROUND => self.backdrop.gray(column(s as f64), low_px, high_px),
+                ROPE_CORE => INSIDE,
+                _ => {
+                    let Some(hit) = self.hit(s) else { continue };
+                    let mut coat = finish.coat(&hit.place);
+                    for (_, defect) in &here {
+                        defect.put_on(&mut coat, &hit.place, rope_radius_mm);
+                    }
+                    self.light_of(s, &hit, &coat) * level + 3.0
+                }
+            };
+        }
+        self.soften(low, -1, low_px, high_px);
+        self.soften(high, 1, low_px, high_px);
+    }
+
+    /// The part of the rope that a ray met; `None` for background and the inside.
+    fn hit(&self, s: usize) -> Option<Hit> {
+        let id = self.trace.id[s];
+        if id == BACKGROUND || id == ROPE_CORE {
+            return None;
+        }
+        let rope = self.scene.rope();
+        let (slope, depth) = (self.trace.slope[s], self.trace.depth[s]);
+        let point = [slope * depth, depth - self.scene.camera().distance_mm as f32];
+        let (centre, phase_rad, strand, wire) = if id >= STRAND_CORES {
+            let j = usize::from(id - STRAND_CORES);
+            let strand = self.cut.strands[j];
+            ((strand.y, strand.z), strand.phase_rad, j, None)
+        } else {
+            let wire = &self.cut.wires[usize::from(id)];
+            ((wire.y, wire.z), wire.phase_rad, wire.strand, Some(wire.wire))
+        };
+        let away = [point[0] - centre.0 as f32, point[1] - centre.1 as f32];
+        let length = (away[0] * away[0] + away[1] * away[1]).sqrt();
+        let normal = away.map(|a| a / length);
+        let psi_rad = wrap_f32(fast_angle(normal[0], -normal[1]) - wrap(phase_rad) as f32);
+        let strand_cut = self.cut.strands[strand];
+        let from_strand = (point[0] - strand_cut.y as f32).hypot(point[1] - strand_cut.z as f32);
+        let from_axis = [point[0] - self.cut.axis.0 as f32, point[1] - self.cut.axis.1 as f32];
+        let in_strand = from_strand / rope.strand_radius_mm() as f32;
+        let radius =
+            (from_axis[0] * from_axis[0] + from_axis[1] * from_axis[1]).sqrt() / (rope.diameter_mm() / 2.0) as f32;
+        let wire_gap = ((1.0 - in_strand) * 3.0).clamp(0.0, 1.0);
+        let strand_gap = ((1.0 - radius) * 2.2).clamp(0.0, 1.0);
+        let angle = fast_angle(from_axis[0], -from_axis[1]) + wrap(self.scene.view_angle_rad(self.view)) as f32;
+        let place = Place {
+            x_mm: self.cut.x_mm,
+            strand,
+            wire,
+            psi_rad,
+            arc_mm: psi_rad * length,
+            rope_angle_rad: wrap_f32(angle),
+            radius,
+            valley: wire_gap.max(strand_gap),
+        };
+        Some(Hit { place, normal, point })
+    }
+
+    fn light_of(&mut self, s: usize, hit: &Hit, coat: &Coat) -> f32 {
+        let id = usize::from(self.trace.id[s]);
+        let lit = self.shadows.lit(&self.lamps, hit.place.strand, hit.point);
+        let valley = hit.place.valley;
+        let mut normal = hit.normal;
+        if coat.flat > 0.0 {
+            let outward = [hit.point[0] - self.cut.axis.0 as f32, hit.point[1] - self.cut.axis.1 as f32];
+            let length = outward[0].hypot(outward[1]).max(1e-6);
+            for k in 0..2 {
+                normal[k] += coat.flat * (outward[k] / length - normal[k]);
+            }
+        }
+        match self.cut.wires.get(id) {
+            Some(wire) => {
+                let light =
+                    *self.wire_light[id].get_or_insert_with(|| self.lamps.on_wire(wire.tangent_y, wire.tangent_z));
+                let openness = (1.0 - 0.8 * valley) * (1.0 - 0.15 * valley * valley);
+                self.lamps.shade(&light, normal, coat, openness, lit)
+            }
+            None => {
+                // wires of the inner layer: dark, greasy, seen through a gap
+                let light = self.lamps.on_wire(0.0, 0.0);
+                let inner = 0.6 + 0.4 * (hit.place.psi_rad * 6.0 + (hit.place.x_mm * 0.11) as f32).sin();
+                0.30 * inner * self.lamps.shade(&light, normal, coat, 0.6, lit)
+            }
+        }
+    }
+
+    /// Gives the outermost ray of the rope the exact share of rope and background, so that edges lie between pixels.
+    fn soften(&mut self, edge: f64, outward: isize, low_px: f64, high_px: f64) {
+        let s = edge.round();
+        if !(s >= 1.0 && s < self.gray.len() as f64 - 1.0) {
+            return;
+        }
+        let share = (0.5 + (edge - s) * outward as f64) as f32;
+        let s = s as usize;
+        let inside = s.saturating_add_signed(-outward);
+        let rope = if self.trace.id[s] == BACKGROUND { self.gray[inside] } else { self.gray[s] };
+        let column = (s as f64 + 0.5) / RAYS_PER_PX as f64 - 0.5;
+        self.gray[s] = share * rope + (1.0 - share) * self.backdrop.gray(column, low_px, high_px);
+    }
+
+    /// Which rays of a line show a defect: (column, index of the defect) for every pixel that does.
+    pub fn sightings(&mut self, line: usize, near: &[(usize, &Defect)], mut saw: impl FnMut(usize, usize)) {
+        let here = self.look(line, near);
+        if here.is_empty() {
+            return;
+        }
+        let rope_radius_mm = self.scene.rope().diameter_mm() / 2.0;
+        for s in (0..self.trace.id.len()).step_by(RAYS_PER_PX) {
+            let column = s / RAYS_PER_PX;
+            let (ghost, index) = self.trace.ghost[s];
+            if ghost < self.trace.depth[s] {
+                saw(column, usize::from(index));
+            }
+            let Some(hit) = self.hit(s) else { continue };
+            if let Some(wire) = self.cut.wires.get(usize::from(self.trace.id[s]))
+                && let Some((index, moved_mm)) = wire.moved
+                && moved_mm > 0.2 * self.scene.rope().wire_radius_mm()
+            {
+                saw(column, index);
+            }
+            for &(index, defect) in &here {
+                let mut coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0 };
+                if defect.put_on(&mut coat, &hit.place, rope_radius_mm) > super::defect_surface::MARKED {
+                    saw(column, index);
+                }
+            }
+        }
+    }
+}
+
+fn wrap_f32(angle_rad: f32) -> f32 {
+    let turns = angle_rad * (1.0 / std::f32::consts::TAU);
+    (turns - turns.round()) * std::f32::consts::TAU
+}

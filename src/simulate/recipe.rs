@@ -1,0 +1,322 @@
+//! What to simulate: every option with its meaning, unit and interval.
+
+use crate::vision::rope::{Rope, RopeDesign, RopeDesignError};
+
+/// How the rope is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// ArtificialRope: wires as Gaussian centre lines, noise on gray values and contours. [Wacker13, sec. 6.1]
+    Artificial,
+    /// Round wires under lamps, with dirt, motion, sensor noise and defects.
+    Photographic,
+}
+
+/// What is behind the rope.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Background {
+    /// The dark tunnel of a camera head.
+    Dark,
+    /// A bright workshop, brighter to one side.
+    Bright,
+    /// Bright, with the rope's own shadow beside it.
+    Shadow,
+}
+
+/// Everything that determines an acquisition but the seed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recipe {
+    /// How the rope is drawn.
+    pub kind: Kind,
+    /// Number of strands, 3 to 8.
+    pub strands: usize,
+    /// Outer wires per strand, 5 to 16.
+    pub wires_per_strand: usize,
+    /// Rope diameter in mm.
+    pub diameter_mm: f64,
+    /// Nominal strand lay in mm, signed (+ right-hand).
+    pub strand_lay_mm: f64,
+    /// Nominal wire lay in mm against the fixed axes, signed.
+    pub wire_lay_mm: f64,
+    /// The strand lay stays within nominal +- this many mm.
+    pub strand_lay_drift_mm: f64,
+    /// The wire lay of every strand stays within nominal +- this many mm.
+    pub wire_lay_drift_mm: f64,
+    /// Lay lengths drift in waves from this length in m up to ten times it.
+    pub drift_wave_m: f64,
+    /// Length of rope in m.
+    pub metres: f64,
+    /// Rope per camera line in mm.
+    pub line_pitch_mm: f64,
+    /// Lines of a frame; the last may be shorter.
+    pub frame_lines: usize,
+    /// Pixels of a camera line.
+    pub sensor_px: u32,
+    /// Width of the rope in the image in pixels.
+    pub rope_width_px: f64,
+    /// Camera to rope axis in mm.
+    pub camera_distance_mm: f64,
+    /// Where the cameras stand: one angle a view, in degrees.
+    pub view_angles_deg: Vec<f64>,
+    /// Rope metre of the first line.
+    pub start_m: f64,
+
+    /// Noise of gray values: sd in gray levels in dark parts (photographic: grows with the light).
+    pub gray_noise: f64,
+    /// Noise of the contours in `contours{v}.csv`: sd in px. Artificial kind only.
+    pub contour_noise_px: f64,
+
+    /// Farthest sideways motion of the rope in px. Lateral in two directions; each view sees its projection.
+    pub oscillation_px: f64,
+    /// Farthest deviation of the encoder from the true position in mm.
+    pub encoder_jitter_mm: f64,
+    /// Farthest deviation of a strand's phase from its regular place in rad.
+    pub strand_jitter_rad: f64,
+    /// How much dirt, 0 (new) to 1 (as dirty as one can still inspect).
+    pub dirt: f64,
+    /// Oil spots per metre.
+    pub oil_spots_per_m: f64,
+    /// How wet, 0 to 1: film and drops.
+    pub water: f64,
+    /// Harmless scratches per metre.
+    pub scratches_per_m: f64,
+    /// Exposure; 1 is as bright as a camera head is usually set.
+    pub exposure: f64,
+    /// Farthest relative drift of the light along the rope.
+    pub light_drift: f64,
+    /// Light lost at the ends of the sensor, 0 to 1.
+    pub vignetting: f64,
+    /// Dead or hot columns a view.
+    pub bad_columns: usize,
+    /// What is behind the rope.
+    pub background: Background,
+    /// Number of defects planted.
+    pub defects: usize,
+    /// No defect before this many metres (the training part).
+    pub defect_free_m: f64,
+}
+
+/// Why a recipe cannot be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RecipeError {
+    /// The rope cannot exist.
+    #[error("the rope design is not possible: {0}")]
+    Design(#[from] RopeDesignError),
+    /// An option lies outside its interval.
+    #[error("{option} is {value}, but must lie between {min} and {max}")]
+    OutOfRange {
+        /// Name of the option.
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// The least.
+        min: f64,
+        /// The most.
+        max: f64,
+    },
+    /// The defects do not fit.
+    #[error(
+        "{defects} defects need {needed_m:.1} m of rope, but between --defect-free-m {free_m} and the end at {metres} m there are only {left_m:.1} m: simulate more metres or fewer defects"
+    )]
+    NoRoomForDefects {
+        /// How many.
+        defects: usize,
+        /// Rope they need in m.
+        needed_m: f64,
+        /// First part without defects in m.
+        free_m: f64,
+        /// Length of rope in m.
+        metres: f64,
+        /// What is left in m.
+        left_m: f64,
+    },
+}
+
+/// Rope that a defect has for itself, in m: the longest (a missing wire) and a margin.
+pub const METRES_PER_DEFECT: f64 = 0.15;
+
+impl Recipe {
+    /// Rope in service: 10 m of 6x9, 32 mm, seen by four cameras, moderately dirty, without defects.
+    pub fn photographic() -> Self {
+        Self {
+            kind: Kind::Photographic,
+            strands: 6,
+            wires_per_strand: 9,
+            diameter_mm: 32.0,
+            strand_lay_mm: 220.0,
+            wire_lay_mm: -95.0,
+            strand_lay_drift_mm: 2.2,
+            wire_lay_drift_mm: 3.5,
+            drift_wave_m: 1.2,
+            metres: 10.0,
+            line_pitch_mm: 0.1,
+            frame_lines: 2000,
+            sensor_px: 480,
+            rope_width_px: 380.0,
+            camera_distance_mm: 224.0,
+            view_angles_deg: Self::evenly_spaced(4),
+            start_m: 0.0,
+            gray_noise: 2.0,
+            contour_noise_px: 0.0,
+            oscillation_px: 4.0,
+            encoder_jitter_mm: 0.02,
+            strand_jitter_rad: 0.035,
+            dirt: 0.35,
+            oil_spots_per_m: 1.5,
+            water: 0.05,
+            scratches_per_m: 3.0,
+            exposure: 1.0,
+            light_drift: 0.12,
+            vignetting: 0.18,
+            bad_columns: 1,
+            background: Background::Dark,
+            defects: 0,
+            defect_free_m: 0.0,
+        }
+    }
+
+    /// The paper's ArtificialRope: 30 m of 6x9, 20.46 mm, lays 123..152 mm and 59..99 mm, one view, noise 1 px and 10 levels.
+    pub fn artificial() -> Self {
+        Self {
+            kind: Kind::Artificial,
+            diameter_mm: 20.46,
+            strand_lay_mm: 137.5,
+            wire_lay_mm: 79.0,
+            strand_lay_drift_mm: 14.5,
+            wire_lay_drift_mm: 20.0,
+            drift_wave_m: 6.0,
+            metres: 30.0,
+            camera_distance_mm: 7.0 * 20.46,
+            view_angles_deg: vec![0.0],
+            gray_noise: 10.0,
+            contour_noise_px: 1.0,
+            oscillation_px: 0.0,
+            encoder_jitter_mm: 0.0,
+            strand_jitter_rad: 0.0,
+            dirt: 0.0,
+            oil_spots_per_m: 0.0,
+            water: 0.0,
+            scratches_per_m: 0.0,
+            light_drift: 0.0,
+            vignetting: 0.0,
+            bad_columns: 0,
+            ..Self::photographic()
+        }
+    }
+
+    /// Another construction, with lays as such ropes usually have them: 6.9 rope diameters, and 8.9 strand diameters
+    /// in the same hand as this recipe's; the camera moves away with the diameter.
+    pub fn with_construction(self, strands: usize, wires_per_strand: usize, diameter_mm: f64) -> Self {
+        let strand_diameter_mm = diameter_mm / (2.0 * crate::vision::rope::ring_radius(strands.max(3)) + 1.0);
+        let strand_lay_mm = (6.9 * diameter_mm).copysign(self.strand_lay_mm);
+        let wire_lay_mm = (8.9 * strand_diameter_mm).copysign(self.wire_lay_mm);
+        Self {
+            strand_lay_drift_mm: (self.strand_lay_drift_mm * strand_lay_mm / self.strand_lay_mm).abs(),
+            wire_lay_drift_mm: (self.wire_lay_drift_mm * wire_lay_mm / self.wire_lay_mm).abs(),
+            camera_distance_mm: self.camera_distance_mm * diameter_mm / self.diameter_mm,
+            strands,
+            wires_per_strand,
+            diameter_mm,
+            strand_lay_mm,
+            wire_lay_mm,
+            ..self
+        }
+    }
+
+    /// Angles of `views` cameras evenly round the rope, in degrees, the first at 0.
+    pub fn evenly_spaced(views: usize) -> Vec<f64> {
+        (0..views).map(|v| 360.0 * v as f64 / views as f64).collect()
+    }
+
+    /// Number of lines.
+    pub fn lines(&self) -> usize {
+        (self.metres * 1000.0 / self.line_pitch_mm).round() as usize
+    }
+
+    /// Checks every option. Errors: all that is wrong with the design, or the first option out of its interval.
+    pub fn validate(&self) -> Result<Rope, RecipeError> {
+        let rope = RopeDesign {
+            strands: self.strands,
+            wires_per_strand: self.wires_per_strand,
+            diameter_mm: self.diameter_mm,
+            strand_lay_mm: Some(self.strand_lay_mm),
+            wire_lay_mm: Some(self.wire_lay_mm),
+            strand_diameter_mm: None,
+            wire_diameter_mm: None,
+        }
+        .validate()?;
+        let checks = [
+            ("metres", self.metres, 0.01, 100_000.0),
+            ("line_pitch_mm", self.line_pitch_mm, 0.01, 1.0),
+            ("frame_lines", self.frame_lines as f64, 16.0, 65_536.0),
+            ("sensor_px", f64::from(self.sensor_px), 64.0, 8192.0),
+            ("rope_width_px", self.rope_width_px, 32.0, f64::from(self.sensor_px) * 0.95),
+            ("camera_distance_mm", self.camera_distance_mm, 2.0 * self.diameter_mm, 1000.0 * self.diameter_mm),
+            ("number of views", self.view_angles_deg.len() as f64, 1.0, 8.0),
+            ("strand_lay_drift_mm", self.strand_lay_drift_mm, 0.0, 0.3 * self.strand_lay_mm.abs()),
+            ("wire_lay_drift_mm", self.wire_lay_drift_mm, 0.0, 0.3 * self.wire_lay_mm.abs()),
+            ("drift_wave_m", self.drift_wave_m, 0.1, 1000.0),
+            ("start_m", self.start_m, -1e6, 1e6),
+            ("gray_noise", self.gray_noise, 0.0, 100.0),
+            ("contour_noise_px", self.contour_noise_px, 0.0, 50.0),
+            ("oscillation_px", self.oscillation_px, 0.0, (f64::from(self.sensor_px) - self.rope_width_px) / 2.0),
+            ("encoder_jitter_mm", self.encoder_jitter_mm, 0.0, 1.0),
+            ("strand_jitter_rad", self.strand_jitter_rad, 0.0, 0.3),
+            ("dirt", self.dirt, 0.0, 1.0),
+            ("oil_spots_per_m", self.oil_spots_per_m, 0.0, 200.0),
+            ("water", self.water, 0.0, 1.0),
+            ("scratches_per_m", self.scratches_per_m, 0.0, 1000.0),
+            ("exposure", self.exposure, 0.05, 5.0),
+            ("light_drift", self.light_drift, 0.0, 0.9),
+            ("vignetting", self.vignetting, 0.0, 0.9),
+            ("bad_columns", self.bad_columns as f64, 0.0, f64::from(self.sensor_px) / 8.0),
+            ("defect_free_m", self.defect_free_m, 0.0, self.metres),
+        ];
+        for (option, value, min, max) in checks {
+            if !(value >= min && value <= max) {
+                return Err(RecipeError::OutOfRange { option, value, min, max });
+            }
+        }
+        for &angle in &self.view_angles_deg {
+            if !(-360.0..=360.0).contains(&angle) {
+                return Err(RecipeError::OutOfRange { option: "angle_deg", value: angle, min: -360.0, max: 360.0 });
+            }
+        }
+        let (needed_m, left_m) = (self.defects as f64 * METRES_PER_DEFECT, self.metres - self.defect_free_m);
+        if needed_m > left_m {
+            return Err(RecipeError::NoRoomForDefects {
+                defects: self.defects,
+                needed_m,
+                free_m: self.defect_free_m,
+                metres: self.metres,
+                left_m,
+            });
+        }
+        Ok(rope)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_standard_recipes_are_valid_and_so_is_every_construction() {
+        for recipe in [Recipe::photographic(), Recipe::artificial()] {
+            recipe.validate().unwrap();
+            for strands in 3..=8 {
+                for wires in 5..=16 {
+                    recipe.clone().with_construction(strands, wires, 24.0).validate().unwrap();
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn errors_name_value_and_limit() {
+        let error = Recipe { dirt: 2.0, ..Recipe::photographic() }.validate().unwrap_err();
+        assert_eq!(error.to_string(), "dirt is 2, but must lie between 0 and 1");
+        let error = Recipe { metres: 1.0, defects: 9, ..Recipe::photographic() }.validate().unwrap_err();
+        assert!(error.to_string().contains("simulate more metres or fewer defects"), "{error}");
+        assert!(Recipe { metres: f64::NAN, ..Recipe::photographic() }.validate().is_err());
+    }
+}
