@@ -233,7 +233,16 @@ pub async fn get_inspection_defects(
     let rows = app.store.defects_of(Id(id)).await?;
     if wants_csv(query.format, &headers) {
         let mut table = CsvTable::new(&[
-            "defect_id", "number", "from_m", "to_m", "strand", "wire", "peak_score", "alarms", "state", "ticket_number",
+            "defect_id",
+            "number",
+            "from_m",
+            "to_m",
+            "strand",
+            "wire",
+            "peak_score",
+            "alarms",
+            "state",
+            "ticket_number",
         ])?;
         for row in rows {
             table.row(&[

@@ -164,8 +164,10 @@ pub async fn check_view(
         return Ok(acquisition);
     }
     let last = views.saturating_sub(1);
-    Err(Problem::view_out_of_range(format!("there is no view {view}: the acquisition has {views} views, the last one is {last}"))
-        .limit(view, last))
+    Err(Problem::view_out_of_range(format!(
+        "there is no view {view}: the acquisition has {views} views, the last one is {last}"
+    ))
+    .limit(view, last))
 }
 
 /// An inspection
@@ -184,9 +186,6 @@ pub async fn list_inspections(
     Query(filter): Query<InspectionFilter>,
     Query(page): Query<PageQuery>,
 ) -> Result<axum::Json<InspectionPage>, Problem> {
-    let rows = app
-        .store
-        .inspections(filter.rope_id.map(Id), filter.acquisition_id.map(Id), page.request()?)
-        .await?;
+    let rows = app.store.inspections(filter.rope_id.map(Id), filter.acquisition_id.map(Id), page.request()?).await?;
     Ok(axum::Json(rows.try_into()?))
 }

@@ -1,11 +1,11 @@
 //! Lay lengths of one inspection, stretch by stretch or in buckets.
 
+use super::Problem;
 use super::buckets::{self, Bucket, MAX_BUCKETS, buckets};
 use super::extract::{Path, Query};
 use super::inspections;
 use super::problem::ReadProblems;
 use super::tables::{CsvTable, Format, cell, wants_csv};
-use super::Problem;
 use crate::app::App;
 use crate::pipeline::results::{LayLengthRow, WireEstimate};
 use crate::store::Id;
@@ -210,8 +210,15 @@ fn buckets_csv(buckets: &[Bucket], strands: usize) -> Result<Response, Problem> 
 /// The columns of `lay_lengths.csv` in a results folder.
 fn rows_csv(stretches: &[Stretch], strands: usize) -> Result<Response, Problem> {
     let mut columns: Vec<String> = [
-        "view", "first_line", "last_line", "position_m", "strand_lay_mm", "strand_lay_sd_mm", "strand_phase_rad",
-        "strand_score", "diameter_mm",
+        "view",
+        "first_line",
+        "last_line",
+        "position_m",
+        "strand_lay_mm",
+        "strand_lay_sd_mm",
+        "strand_phase_rad",
+        "strand_score",
+        "diameter_mm",
     ]
     .map(str::to_owned)
     .into();

@@ -1,7 +1,10 @@
 //! Every route, and who may use it.
 
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
-use super::{Problem, acquisitions, deliveries, frames, guard, health, openapi, ropes, ropeways, tokens, webhooks};
+use super::{
+    Problem, acquisitions, defects, deliveries, frames, guard, health, history, inspections, job_events, jobs,
+    lay_lengths, line_scores, models, openapi, pictures, ropes, ropeways, tokens, webhooks,
+};
 use crate::app::App;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -35,13 +38,35 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(acquisitions::delete_acquisition))
         .routes(routes!(acquisitions::complete_acquisition));
     let uploads = OpenApiRouter::new().routes(routes!(frames::put_frame));
-    let readers = OpenApiRouter::new().routes(routes!(frames::get_frame));
+    let readers = OpenApiRouter::new()
+        .routes(routes!(frames::get_frame))
+        .routes(routes!(jobs::list_jobs))
+        .routes(routes!(jobs::get_job))
+        .routes(routes!(job_events::get_job_events))
+        .routes(routes!(models::list_models))
+        .routes(routes!(models::get_model))
+        .routes(routes!(models::get_model_file))
+        .routes(routes!(inspections::list_inspections))
+        .routes(routes!(inspections::get_inspection))
+        .routes(routes!(lay_lengths::get_lay_lengths))
+        .routes(routes!(line_scores::get_line_scores))
+        .routes(routes!(pictures::get_likelihood))
+        .routes(routes!(pictures::get_image))
+        .routes(routes!(defects::get_inspection_defects))
+        .routes(routes!(defects::list_defects))
+        .routes(routes!(defects::get_defect))
+        .routes(routes!(history::get_rope_history))
+        .routes(routes!(history::get_ropeway_history));
+    let ticketers = OpenApiRouter::new().routes(routes!(defects::put_ticket));
     let operators = OpenApiRouter::new()
         .routes(routes!(ropeways::create_ropeway))
         .routes(routes!(ropeways::put_ropeway))
         .routes(routes!(ropes::create_rope))
         .routes(routes!(ropes::put_rope))
         .routes(routes!(ropes::patch_ticketing))
+        .routes(routes!(jobs::create_job))
+        .routes(routes!(jobs::cancel_job))
+        .routes(routes!(defects::post_verdict))
         .routes(routes!(deliveries::list_deliveries))
         .routes(routes!(deliveries::get_delivery))
         .routes(routes!(deliveries::redeliver));
@@ -54,12 +79,12 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(webhooks::get_endpoint))
         .routes(routes!(webhooks::patch_endpoint))
         .routes(routes!(webhooks::delete_endpoint));
-    let _ = TICKETERS;
     OpenApiRouter::new()
         .merge(group(app, EVERYBODY, everybody))
         .merge(group(app, UPLOADERS, uploaders))
         .merge(slow_group(app, UPLOADERS, uploads))
         .merge(group(app, READERS, readers))
+        .merge(group(app, TICKETERS, ticketers))
         .merge(group(app, OPERATORS, operators))
         .merge(group(app, ADMIN, admin))
 }

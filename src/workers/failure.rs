@@ -25,9 +25,7 @@ impl Failure {
     pub fn of_pipeline(error: &PipelineError, data: &Path) -> Self {
         let text = error.to_string().replace(&format!("{}/", data.display()), "");
         match error {
-            PipelineError::Source(_) => {
-                Self::new("frame-unreadable", "A stored frame cannot be read", text, false)
-            }
+            PipelineError::Source(_) => Self::new("frame-unreadable", "A stored frame cannot be read", text, false),
             PipelineError::Acquisition(_) => {
                 Self::new("acquisition-unusable", "The acquisition cannot be used", text, false)
             }

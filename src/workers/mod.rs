@@ -48,7 +48,8 @@ impl Workers {
         tracing::info!(job = %job.id, kind = job.kind, attempt = job.attempts, "job started");
         let ended = run::run(&self.app, &self.engine, &job).await?;
         tracing::info!(job = %job.id, kind = job.kind, ?ended, "job ended");
-        metrics::counter!("ropescope_job_attempts_total", "kind" => job.kind, "outcome" => outcome(&ended)).increment(1);
+        metrics::counter!("ropescope_job_attempts_total", "kind" => job.kind, "outcome" => outcome(&ended))
+            .increment(1);
         Ok(Some(ended))
     }
 

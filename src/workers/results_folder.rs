@@ -108,9 +108,7 @@ impl<'a> Row<'a> {
 pub fn defects(folder: &Path) -> Result<Vec<DefectRow>, ResultsError> {
     let path = folder.join("defects.json");
     match std::fs::read(&path) {
-        Ok(bytes) => {
-            serde_json::from_slice(&bytes).map_err(|e| ResultsError::Json { path, reason: e.to_string() })
-        }
+        Ok(bytes) => serde_json::from_slice(&bytes).map_err(|e| ResultsError::Json { path, reason: e.to_string() }),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
         Err(error) => Err(ResultsError::Json { path, reason: error.to_string() }),
     }

@@ -108,12 +108,19 @@ async fn attempt(app: &App, engine: &Arc<dyn Engine>, job: &Job, watch: &Arc<Wat
     };
     done.unwrap_or_else(|error| {
         tracing::error!(job = %job.id, %error, "a job panicked");
-        Err(NoOutput::Failed(Failure::new("job-crashed", "The job crashed", "the cause is in the log of the service", true)))
+        Err(NoOutput::Failed(Failure::new(
+            "job-crashed",
+            "The job crashed",
+            "the cause is in the log of the service",
+            true,
+        )))
     })
 }
 
 async fn gather(app: &App, job: &Job) -> Result<Input, NoOutput> {
-    let gone = |what: &str| NoOutput::Failed(Failure::new("gone", "The job has lost its input", format!("the {what} is gone"), false));
+    let gone = |what: &str| {
+        NoOutput::Failed(Failure::new("gone", "The job has lost its input", format!("the {what} is gone"), false))
+    };
     let acquisition = app.store.acquisition(job.acquisition_id).await?.ok_or_else(|| gone("acquisition"))?;
     let rope = app.store.rope(job.rope_id).await?.ok_or_else(|| gone("rope"))?;
     let mut paths = Vec::with_capacity(acquisition.views.len());
@@ -157,8 +164,7 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
     let id = app.new_id();
     if job.kind == "train" {
         let options = TrainOptions { from_m: job.from_m, to_m: job.to_m };
-        let report =
-            engine.train(&input.acquisition, &input.frames, options, &work, watch).map_err(pipeline)?;
+        let report = engine.train(&input.acquisition, &input.frames, options, &work, watch).map_err(pipeline)?;
         let (sha256, bytes) = digest(&work)?;
         let report = serde_json::to_string(&report).map_err(|e| NoOutput::Failed(Failure::of_results(e)))?;
         let path = app.store.folder().model(id);
