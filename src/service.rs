@@ -7,7 +7,7 @@ use crate::http;
 use crate::store::folder::Instance;
 use crate::store::{Store, StoreError};
 use crate::ticketing::{self, Dispatcher};
-use crate::workers::Workers;
+use crate::workers::{Engine, Pipeline, Workers};
 use rand::SeedableRng;
 use std::fs::File;
 use std::net::SocketAddr;
@@ -49,11 +49,15 @@ pub struct Service {
 impl Service {
     /// Starts the service: HTTP, and workers in the same process if the settings say so.
     pub async fn start(settings: Settings) -> Result<Self, StartError> {
-        Self::start_with(settings, Arc::new(SystemClock)).await
+        Self::start_with(settings, Arc::new(SystemClock), Arc::new(Pipeline)).await
     }
 
-    /// Like [`Self::start`], with a clock of the caller's choice.
-    pub async fn start_with(settings: Settings, clock: Arc<dyn Clock>) -> Result<Self, StartError> {
+    /// Like [`Self::start`], with clock and engine of the caller's choice.
+    pub async fn start_with(
+        settings: Settings,
+        clock: Arc<dyn Clock>,
+        engine: Arc<dyn Engine>,
+    ) -> Result<Self, StartError> {
         let store = Store::open(&settings.data).await?;
         let lock = store.folder().lock_for_service()?;
         let failed = |source| StartError::Listen { address: settings.listen, source };
@@ -62,7 +66,7 @@ impl Service {
         let base_url = settings.public_url.clone().unwrap_or_else(|| format!("http://{address}"));
         let limits = settings.limits;
         let app = App::new(store, clock, settings, &base_url);
-        let service = Self::begin(app, Some(address), Some(lock)).await?;
+        let service = Self::begin(app, engine, Some(address), Some(lock)).await?;
         let router = http::router::router(&service.app);
         service.tasks.spawn(http::server::serve(listener, router, limits, service.app.shutdown.clone()));
         Ok(service)
@@ -72,10 +76,15 @@ impl Service {
     pub async fn start_workers(settings: Settings) -> Result<Self, StartError> {
         let store = Store::open(&settings.data).await?;
         let app = App::new(store, Arc::new(SystemClock), settings, "");
-        Self::begin(app, None, None).await
+        Self::begin(app, Arc::new(Pipeline), None, None).await
     }
 
-    async fn begin(app: App, address: Option<SocketAddr>, lock: Option<File>) -> Result<Self, StartError> {
+    async fn begin(
+        app: App,
+        engine: Arc<dyn Engine>,
+        address: Option<SocketAddr>,
+        lock: Option<File>,
+    ) -> Result<Self, StartError> {
         let instance = app.store.folder().register(app.clock.new_id())?;
         let alone = app.store.folder().others(&instance)? == 0;
         if lock.is_some() {
@@ -85,7 +94,7 @@ impl Service {
             }
         }
         let tasks = TaskTracker::new();
-        Workers::new(app.clone(), &instance.id.to_string()).spawn(&tasks);
+        Workers::new(app.clone(), &instance.id.to_string(), engine).spawn(&tasks);
         if lock.is_some() {
             let settings = ticketing::Settings::new(&app.base_url);
             let rng = rand_chacha::ChaCha8Rng::from_rng(&mut rand::rng());

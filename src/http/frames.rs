@@ -207,7 +207,8 @@ fn differs(old: &Row, sha256: &str) -> Problem {
     .limit(sha256, &old.sha256)
 }
 
-fn repr_digest(sha256_hex: &str) -> String {
+/// `Repr-Digest` of a SHA-256.
+pub fn repr_digest(sha256_hex: &str) -> String {
     let bytes: Vec<u8> =
         (0..sha256_hex.len() / 2).filter_map(|i| u8::from_str_radix(&sha256_hex[2 * i..2 * i + 2], 16).ok()).collect();
     format!("sha-256=:{}:", BASE64_STANDARD.encode(bytes))

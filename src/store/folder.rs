@@ -111,9 +111,12 @@ impl DataFolder {
     /// Registers this process as alive.
     pub fn register(&self, id: Uuid) -> Result<Instance, StoreError> {
         let path = self.instances().join(id.to_string());
+        let unborn = self.instances().join(format!("{id}.new"));
         let failed = |source| StoreError::File { path: path.clone(), source };
-        let lock = File::create(&path).map_err(failed)?;
+        // Under lock before it has its name, or a process that looks around just now would take it for dead.
+        let lock = File::create(&unborn).map_err(failed)?;
         lock.lock().map_err(failed)?;
+        fs::rename(&unborn, &path).map_err(failed)?;
         Ok(Instance { id, path, _lock: lock })
     }
 
@@ -133,7 +136,7 @@ impl DataFolder {
         let mut others = 0;
         for path in entries(&self.instances())? {
             let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_owned();
-            if name == own.id.to_string() {
+            if name == own.id.to_string() || name.ends_with(".new") {
                 continue;
             }
             if self.alive(&name) {
