@@ -107,6 +107,7 @@ pub struct DeliveryPage {
 #[into_params(parameter_in = Query)]
 pub struct DeliveryQuery {
     /// Only those in this state.
+    #[param(inline)]
     state: Option<DeliveryState>,
     /// `next_cursor` of the page before.
     cursor: Option<String>,

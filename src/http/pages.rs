@@ -33,7 +33,7 @@ impl PageQuery {
         let before = match &self.cursor {
             None => None,
             Some(cursor) => Some(read(cursor).ok_or_else(|| {
-                Problem::malformed_query(format!("cursor {cursor:?} is not a next_cursor of this service"))
+                Problem::out_of_range(format!("cursor {cursor:?} is not a next_cursor of this service"))
             })?),
         };
         Ok(PageRequest { before, limit })
