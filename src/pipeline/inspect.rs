@@ -63,8 +63,10 @@ pub fn inspect(
             let aligned = stretch.estimates.is_ok() && view.usable();
             let axis = |k: usize| if aligned { view.axis_px[k] } else { f32::NAN };
             displacement.append(v, (0..stretch.lines).map(axis))?;
-            let (from_m, to_m) =
-                (acquisition.position_m(stretch.first_line), acquisition.position_m(stretch.first_line + stretch.lines));
+            let (from_m, to_m) = (
+                acquisition.position_m(stretch.first_line),
+                acquisition.position_m(stretch.first_line + stretch.lines),
+            );
             if aligned {
                 covered_view_m += to_m - from_m;
             } else {

@@ -18,7 +18,13 @@ struct ViewReader {
 
 impl ViewReader {
     /// Lines `from..to` of the view; without lines if the view has none of them, black where it ends inside.
-    fn read(&mut self, source: &dyn FrameSource, width: usize, from: usize, to: usize) -> Result<GrayImage, SourceError> {
+    fn read(
+        &mut self,
+        source: &dyn FrameSource,
+        width: usize,
+        from: usize,
+        to: usize,
+    ) -> Result<GrayImage, SourceError> {
         let end = self.starts[self.starts.len() - 1];
         if from >= end {
             return Ok(GrayImage::default());
@@ -74,7 +80,16 @@ impl<'a> StretchReader<'a> {
         }
         let lines = readers.iter().map(|r| r.starts[r.starts.len() - 1]).max().unwrap_or(0);
         let end_line = range.end.min(lines);
-        Ok(Self { source, width, stretch_lines, next_line: range.start.min(end_line), end_line, lines, readers, given_contours })
+        Ok(Self {
+            source,
+            width,
+            stretch_lines,
+            next_line: range.start.min(end_line),
+            end_line,
+            lines,
+            readers,
+            given_contours,
+        })
     }
 
     /// Lines of the longest view.
@@ -104,8 +119,11 @@ impl<'a> StretchReader<'a> {
         }
         self.next_line = to;
         let (source, width) = (self.source, self.width);
-        let images =
-            self.readers.par_iter_mut().map(|reader| reader.read(source, width, from, to)).collect::<Result<Vec<_>, _>>()?;
+        let images = self
+            .readers
+            .par_iter_mut()
+            .map(|reader| reader.read(source, width, from, to))
+            .collect::<Result<Vec<_>, _>>()?;
         let given_contours = self.given_contours.map(|views| {
             views
                 .iter()

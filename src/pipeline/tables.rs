@@ -73,10 +73,22 @@ impl LayLengthTable {
         let file = File::create(&path).map_err(write_error(&path))?;
         let mut writer = csv::Writer::from_writer(file);
         let fixed = [
-            "view", "first_line", "last_line", "position_m", "strand_lay_mm", "strand_lay_sd_mm", "strand_phase_rad", "strand_score",
+            "view",
+            "first_line",
+            "last_line",
+            "position_m",
+            "strand_lay_mm",
+            "strand_lay_sd_mm",
+            "strand_phase_rad",
+            "strand_score",
         ];
         let wires = (0..strands).flat_map(|j| {
-            [format!("wire_lay_{j}_mm"), format!("wire_lay_{j}_sd_mm"), format!("wire_phase_{j}_rad"), format!("wire_score_{j}")]
+            [
+                format!("wire_lay_{j}_mm"),
+                format!("wire_lay_{j}_sd_mm"),
+                format!("wire_phase_{j}_rad"),
+                format!("wire_score_{j}"),
+            ]
         });
         let header: Vec<String> =
             fixed.into_iter().map(str::to_owned).chain(wires).chain(["diameter_mm".into(), "reason".into()]).collect();
@@ -98,7 +110,12 @@ impl LayLengthTable {
             number(row.strand_score, 4),
         ];
         for wire in &row.wires {
-            record.extend([number(wire.lay_mm, 4), number(wire.lay_sd_mm, 4), number(wire.phase_rad, 5), number(wire.score, 4)]);
+            record.extend([
+                number(wire.lay_mm, 4),
+                number(wire.lay_sd_mm, 4),
+                number(wire.phase_rad, 5),
+                number(wire.score, 4),
+            ]);
         }
         record.push(number(row.diameter_mm, 3));
         record.push(row.reason.clone().unwrap_or_default());
@@ -124,7 +141,9 @@ impl LineValues {
     /// Temporary files beside the results.
     pub fn create(folder: &Path, views: usize) -> Result<Self, PipelineError> {
         let writers = (0..views)
-            .map(|_| tempfile::tempfile_in(folder).map(|f| BufWriter::with_capacity(1 << 16, f)).map_err(write_error(folder)))
+            .map(|_| {
+                tempfile::tempfile_in(folder).map(|f| BufWriter::with_capacity(1 << 16, f)).map_err(write_error(folder))
+            })
             .collect::<Result<_, _>>()?;
         Ok(Self { path: folder.into(), folder: folder.into(), writers, sums: vec![(0.0, 0); views] })
     }
@@ -167,7 +186,11 @@ impl LineValues {
         Ok(())
     }
 
-    fn read_back(&mut self, view: usize, mut each: impl FnMut(usize, f32) -> std::io::Result<()>) -> Result<(), PipelineError> {
+    fn read_back(
+        &mut self,
+        view: usize,
+        mut each: impl FnMut(usize, f32) -> std::io::Result<()>,
+    ) -> Result<(), PipelineError> {
         use std::io::{Seek, SeekFrom};
         let failed = |source| PipelineError::Write { path: self.path.clone(), source };
         self.writers[view].flush().map_err(failed)?;

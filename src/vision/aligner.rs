@@ -16,8 +16,8 @@ use super::stretch::{
     Reference, StrandKnots, ViewModel, ViewStretch, axis_corrections_px, fuse, register_views, strand_knots,
 };
 use super::template::TemplateSums;
-use super::wire_pattern::{PatternSums, WirePattern};
 use super::unwrapping::{LINE_STRIDE, StripeTable, Stripes, read_stripes};
+use super::wire_pattern::{PatternSums, WirePattern};
 use super::wire_tracking::{Grid, StripeShift, WirePrediction, readings, wire_knots};
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -53,9 +53,22 @@ const KNOT_DIAMETERS: f64 = 0.15;
 
 impl AlignerSpec {
     /// A specification with knots suited to the rope.
-    pub fn new(rope: Rope, pitch_mm: f64, view_angles_rad: Vec<f64>, width_px: usize, rope_width_px: Option<f64>) -> Self {
+    pub fn new(
+        rope: Rope,
+        pitch_mm: f64,
+        view_angles_rad: Vec<f64>,
+        width_px: usize,
+        rope_width_px: Option<f64>,
+    ) -> Self {
         let knot_lines = ((KNOT_DIAMETERS * rope.diameter_mm() / pitch_mm).round() as usize).max(2 * LINE_STRIDE);
-        Self { rope, pitch_mm, view_angles_rad, width_px, rope_width_px, knot_lines: knot_lines.next_multiple_of(LINE_STRIDE) }
+        Self {
+            rope,
+            pitch_mm,
+            view_angles_rad,
+            width_px,
+            rope_width_px,
+            knot_lines: knot_lines.next_multiple_of(LINE_STRIDE),
+        }
     }
 
     /// Lines of a stretch: whole knots, about `lines`.
@@ -395,7 +408,10 @@ impl AlignerSpec {
         match self.rope.design().strand_lay_mm {
             Some(lay) => vec![(lay * (1.0 - NOMINAL_TOLERANCE), lay * (1.0 + NOMINAL_TOLERANCE))],
             None => {
-                let range = (SEARCHED_LAY_DIAMETERS.0 * self.rope.diameter_mm(), SEARCHED_LAY_DIAMETERS.1 * self.rope.diameter_mm());
+                let range = (
+                    SEARCHED_LAY_DIAMETERS.0 * self.rope.diameter_mm(),
+                    SEARCHED_LAY_DIAMETERS.1 * self.rope.diameter_mm(),
+                );
                 if self.view_angles_rad.len() > 1 { vec![range, (-range.1, -range.0)] } else { vec![range] }
             }
         }
@@ -440,7 +456,8 @@ pub(super) fn measure(
             let courses = strand_courses(spec, &with(before, seen), None, fit.rate_rad_per_mm);
             for k in 0..knots {
                 for j in 0..n {
-                    let straight = reference.mean_phase_rad(reference.knot_middle(k)) + j as f64 * rope.strand_step_rad();
+                    let straight =
+                        reference.mean_phase_rad(reference.knot_middle(k)) + j as f64 * rope.strand_step_rad();
                     phases[k * n + j] = match &courses[j] {
                         Some(course) => course.phase_rad(course.len() - knots + k),
                         None => straight,
@@ -489,12 +506,23 @@ fn with<'a>(before: &[&'a Measured], seen: &'a Measured) -> Vec<&'a Measured> {
 }
 
 /// Smoothed course of every strand over consecutive stretches; `view`: only what that view saw.
-pub(super) fn strand_courses(spec: &AlignerSpec, window: &[&Measured], view: Option<usize>, rate: f64) -> Vec<Option<Course>> {
+pub(super) fn strand_courses(
+    spec: &AlignerSpec,
+    window: &[&Measured],
+    view: Option<usize>,
+    rate: f64,
+) -> Vec<Option<Course>> {
     let n = spec.rope.strands();
     let fused: Vec<Vec<Measurement>> = window
         .iter()
         .map(|m| {
-            let views = m.strands.views.iter().enumerate().filter(|(v, _)| view.is_none_or(|only| only == *v)).map(|(_, x)| &x[..]);
+            let views = m
+                .strands
+                .views
+                .iter()
+                .enumerate()
+                .filter(|(v, _)| view.is_none_or(|only| only == *v))
+                .map(|(_, x)| &x[..]);
             fuse(views, m.knots(spec) * n)
         })
         .collect();
@@ -514,7 +542,9 @@ pub(super) fn learn_template(spec: &AlignerSpec, views: &mut Views, seen: &Measu
         if view.usable() {
             sums.fade(0.9);
             let angle = model.camera.angle_rad;
-            sums.add(rope, &view.image, &view.axis_px, 2 * LINE_STRIDE, |line| reference.mean_phase_rad(line as f64) - angle);
+            sums.add(rope, &view.image, &view.axis_px, 2 * LINE_STRIDE, |line| {
+                reference.mean_phase_rad(line as f64) - angle
+            });
             if let Some(template) = super::template::Template::new(rope, &model.camera, sums) {
                 model.template = Some(template);
             }
@@ -523,7 +553,13 @@ pub(super) fn learn_template(spec: &AlignerSpec, views: &mut Views, seen: &Measu
 }
 
 /// Adds a stretch whose wires were measured to the wire patterns.
-pub(super) fn learn_pattern(spec: &AlignerSpec, views: &mut Views, seen: &Measured, courses: &[Option<Course>], first_knot: usize) {
+pub(super) fn learn_pattern(
+    spec: &AlignerSpec,
+    views: &mut Views,
+    seen: &Measured,
+    courses: &[Option<Course>],
+    first_knot: usize,
+) {
     let Some(reference) = &seen.reference else { return };
     let grid = seen.grid(spec);
     let wires_at = |line: usize, out: &mut [f64]| {
@@ -536,10 +572,18 @@ pub(super) fn learn_pattern(spec: &AlignerSpec, views: &mut Views, seen: &Measur
     };
     views.models.par_iter().zip(&mut views.pattern_sums).zip(&seen.views).for_each(|((model, sums), view)| {
         if let (Some(template), true) = (&model.template, view.usable()) {
-            sums.add(&spec.rope, template, model.camera.angle_rad, &view.image, &view.axis_px, LINE_STRIDE, |line, strands, wires| {
-                reference.phases_rad(&spec.rope, line, strands);
-                wires_at(line, wires);
-            });
+            sums.add(
+                &spec.rope,
+                template,
+                model.camera.angle_rad,
+                &view.image,
+                &view.axis_px,
+                LINE_STRIDE,
+                |line, strands, wires| {
+                    reference.phases_rad(&spec.rope, line, strands);
+                    wires_at(line, wires);
+                },
+            );
         }
     });
 }
@@ -561,7 +605,9 @@ pub(super) fn measure_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measur
             let readings = readings(&spec.rope, &stripes, j, grid);
             let adapted = wires[j].map(|p| p.adapted(spec.rope.wires(), &readings));
             match adapted {
-                Some((prediction, coherence)) if coherence >= LEAST_COHERENCE || readings.len() < 16 => Some(prediction),
+                Some((prediction, coherence)) if coherence >= LEAST_COHERENCE || readings.len() < 16 => {
+                    Some(prediction)
+                }
                 _ => search_wires(spec, views, &[&*seen], j),
             }
         })
@@ -571,7 +617,9 @@ pub(super) fn measure_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measur
         .map(|(stripes, shift)| {
             (0..spec.rope.strands())
                 .map(|j| match predictions[j] {
-                    Some(prediction) => wire_knots(&spec.rope, stripes, shift, j, grid, prediction, views.wire_noise_scale),
+                    Some(prediction) => {
+                        wire_knots(&spec.rope, stripes, shift, j, grid, prediction, views.wire_noise_scale)
+                    }
                     None => vec![Measurement::default(); grid.knots],
                 })
                 .collect()
@@ -601,7 +649,11 @@ pub(super) fn wire_courses(
 }
 
 /// Where the wires of every strand are expected at the end of the last stretch.
-pub(super) fn predict_wires(spec: &AlignerSpec, window: &[&Measured], now: &[Option<WirePrediction>]) -> Vec<Option<WirePrediction>> {
+pub(super) fn predict_wires(
+    spec: &AlignerSpec,
+    window: &[&Measured],
+    now: &[Option<WirePrediction>],
+) -> Vec<Option<WirePrediction>> {
     let contiguous = match window.split_last() {
         Some((last, before)) => with(before, last),
         None => return now.to_vec(),

@@ -23,7 +23,13 @@ pub struct ContourHarmonics {
 
 impl ContourHarmonics {
     /// Adds the contours of a stretch; `phase_in_view_rad(line)` is that of any strand, `period_lines` the period of the outline.
-    pub fn add(&mut self, strands: usize, contours: &Contours, period_lines: usize, phase_in_view_rad: impl Fn(usize) -> f64) {
+    pub fn add(
+        &mut self,
+        strands: usize,
+        contours: &Contours,
+        period_lines: usize,
+        phase_in_view_rad: impl Fn(usize) -> f64,
+    ) {
         let n = contours.len();
         // Whole periods only, with their own mean taken out twice: slow sideways movement must not leak in.
         let mut from = 0;

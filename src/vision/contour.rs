@@ -68,7 +68,15 @@ struct EdgeTracker {
 
 impl EdgeTracker {
     fn new(inward: isize) -> Self {
-        Self { inward, edge_px: f32::NAN, background: f32::NAN, variance: 0.0, body: 0.0, locked: false, missed: SEARCH_EVERY }
+        Self {
+            inward,
+            edge_px: f32::NAN,
+            background: f32::NAN,
+            variance: 0.0,
+            body: 0.0,
+            locked: false,
+            missed: SEARCH_EVERY,
+        }
     }
 
     /// The edge in a line, or NaN. `coarse` searches the whole line: the edge and the contrast of the rope's body.
@@ -194,7 +202,8 @@ fn coarse_edges(image: &GrayImage, line: usize, hint_px: Option<f64>) -> Option<
     let (left, left_variance) = side(0..margin);
     let (right, right_variance) = side(width - margin..width);
     // The body: what the middle half of the image differs from both margins, typically.
-    let mut differences: Vec<f32> = (width / 4..3 * width / 4).map(|c| (mean[c] - (left + right) / 2.0).abs()).collect();
+    let mut differences: Vec<f32> =
+        (width / 4..3 * width / 4).map(|c| (mean[c] - (left + right) / 2.0).abs()).collect();
     let middle = differences.len() / 2;
     let body = *differences.select_nth_unstable_by(middle, f32::total_cmp).1;
     let step = |inward: isize| {
@@ -230,7 +239,10 @@ pub fn extract(image: &GrayImage, hint_px: Option<f64>) -> Contours {
     let mut contours = Contours::default();
     for row in 0..image.lines() {
         let line = image.line(row);
-        if row > 0 && row % CHECK_EVERY == 0 && let Some((l, u, body)) = coarse_edges(image, row, hint_px) {
+        if row > 0
+            && row % CHECK_EVERY == 0
+            && let Some((l, u, body)) = coarse_edges(image, row, hint_px)
+        {
             lower.check(l, body);
             upper.check(u, body);
         }

@@ -75,7 +75,12 @@ pub struct Estimates {
 }
 
 /// Estimates the stretch `at` of a window of measured stretches.
-pub(super) fn estimate(spec: &AlignerSpec, views: &Views, window: &[&Measured], at: usize) -> Result<Estimates, NotAligned> {
+pub(super) fn estimate(
+    spec: &AlignerSpec,
+    views: &Views,
+    window: &[&Measured],
+    at: usize,
+) -> Result<Estimates, NotAligned> {
     let here = window[at];
     let (Ok(fit), Some(reference)) = (here.fit, &here.reference) else { return Err(NotAligned::NoRope) };
     // Only neighbours without a gap belong to the same course.
@@ -176,7 +181,12 @@ fn lay_estimate(course: &Course, knots: &std::ops::Range<usize>, phase_rad: f64,
     let slope = course.slope_rad_per_mm(knots.clone());
     let lay_mm = TAU / slope;
     let lay_sd_mm = lay_mm * lay_mm / TAU * course.slope_variance(knots.clone()).sqrt();
-    (lay_mm.is_finite() && lay_sd_mm < 0.05 * lay_mm.abs()).then_some(LayEstimate { lay_mm, lay_sd_mm, phase_rad, score })
+    (lay_mm.is_finite() && lay_sd_mm < 0.05 * lay_mm.abs()).then_some(LayEstimate {
+        lay_mm,
+        lay_sd_mm,
+        phase_rad,
+        score,
+    })
 }
 
 /// Mean over the strands: the rope's phase and lay are those of its strands on average.
@@ -196,22 +206,31 @@ fn strand_estimate(
     let n = known.len() as f64;
     let slope = known.iter().map(|(_, c)| c.slope_rad_per_mm(knots.clone())).sum::<f64>() / n;
     let variance = known.iter().map(|(_, c)| c.slope_variance(knots.clone())).sum::<f64>() / (n * n);
-    let phase_rad = known
-        .iter()
-        .map(|(j, c)| interpolate(c, knots, first_mm, middle_mm, spec) - *j as f64 * step_rad)
-        .sum::<f64>()
-        / n;
+    let phase_rad =
+        known.iter().map(|(j, c)| interpolate(c, knots, first_mm, middle_mm, spec) - *j as f64 * step_rad).sum::<f64>()
+            / n;
     let lay_mm = TAU / slope;
     let lay_sd_mm = lay_mm * lay_mm / TAU * variance.sqrt();
-    (lay_mm.is_finite() && lay_sd_mm < 0.05 * lay_mm.abs()).then_some(LayEstimate { lay_mm, lay_sd_mm, phase_rad, score })
+    (lay_mm.is_finite() && lay_sd_mm < 0.05 * lay_mm.abs()).then_some(LayEstimate {
+        lay_mm,
+        lay_sd_mm,
+        phase_rad,
+        score,
+    })
 }
 
 /// Mean diameter: measured against the model's outline, whose scale the whole acquisition set.
 fn diameter_mm(views: &Views, here: &Measured) -> Option<f64> {
     let mut ratios = Vec::new();
     for (model, view) in views.models.iter().zip(&here.views) {
-        let mut widths: Vec<f32> =
-            view.contours.lower_px.iter().zip(&view.contours.upper_px).map(|(l, u)| u - l).filter(|w| w.is_finite()).collect();
+        let mut widths: Vec<f32> = view
+            .contours
+            .lower_px
+            .iter()
+            .zip(&view.contours.upper_px)
+            .map(|(l, u)| u - l)
+            .filter(|w| w.is_finite())
+            .collect();
         if widths.len() >= 100 {
             let n = widths.len();
             let at = n / 2;

@@ -1,12 +1,12 @@
 //! Finds a rope in a few gathered stretches: strands by their contours, then camera, template, each strand's course, wires.
 
 use super::aligner::{
-    AlignerSpec, Measured, Views, fit_from, learn_pattern, measure, measure_wires, predict_wires, renew_patterns, strand_courses,
-    wire_courses,
+    AlignerSpec, Measured, Views, fit_from, learn_pattern, measure, measure_wires, predict_wires, renew_patterns,
+    strand_courses, wire_courses,
 };
-use super::estimates::measured_rate;
 use super::camera::Camera;
 use super::camera_distance::{ContourHarmonics, DEFAULT_DISTANCE_DIAMETERS, estimate};
+use super::estimates::measured_rate;
 use super::model_contour::ModelContour;
 use super::smoothing::{Course, Measurement};
 use super::stretch::{Reference, ViewModel, fuse};
@@ -109,7 +109,13 @@ fn view_model(spec: &AlignerSpec, gathered: &[Measured], v: usize, angle_rad: f6
         middle.iter().map(|&w| f64::from(w)).sum::<f64>() / middle.len() as f64
     };
     let camera = Camera { angle_rad, distance_mm, px_per_mm: width_px / unit.mean_width_px() };
-    ViewModel { camera, contour: ModelContour::new(&spec.rope, &camera), template: None, pattern: None, noise_scale: 1.0 }
+    ViewModel {
+        camera,
+        contour: ModelContour::new(&spec.rope, &camera),
+        template: None,
+        pattern: None,
+        noise_scale: 1.0,
+    }
 }
 
 /// Fits every stretch: the best on its own, the others outward from it. `None` if not one can be fitted.
@@ -142,7 +148,10 @@ fn fit_all(spec: &AlignerSpec, models: &[ViewModel], gathered: &mut [Measured]) 
 /// The same straight course, with lines counted from another first line.
 fn reference_shifted(reference: &Reference, from_line: usize, to_line: usize) -> Reference {
     let lines = to_line as f64 - from_line as f64;
-    Reference { phase_rad: reference.phase_rad + reference.rate_rad_per_mm * lines * reference.pitch_mm, ..reference.clone() }
+    Reference {
+        phase_rad: reference.phase_rad + reference.rate_rad_per_mm * lines * reference.pitch_mm,
+        ..reference.clone()
+    }
 }
 
 /// Estimates the camera distance from all contours, and scales the cameras again.
@@ -158,8 +167,7 @@ fn place_cameras(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) {
             });
         }
     }
-    let distance_mm =
-        estimate(&spec.rope, &harmonics).unwrap_or(DEFAULT_DISTANCE_DIAMETERS * spec.rope.diameter_mm());
+    let distance_mm = estimate(&spec.rope, &harmonics).unwrap_or(DEFAULT_DISTANCE_DIAMETERS * spec.rope.diameter_mm());
     for (v, model) in views.models.iter_mut().enumerate() {
         *model = view_model(spec, gathered, v, model.camera.angle_rad, distance_mm);
     }
@@ -294,7 +302,8 @@ fn lock_wires(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) 
                 let window: Vec<&Measured> = run.iter().collect();
                 for (j, course) in wire_courses(spec, &window, None, rates).into_iter().enumerate() {
                     if let Some(course) = course {
-                        let knots = run.iter().flat_map(|m| fuse(m.wires.iter().map(|w| &w[j][..]), m.knots(spec))).collect();
+                        let knots =
+                            run.iter().flat_map(|m| fuse(m.wires.iter().map(|w| &w[j][..]), m.knots(spec))).collect();
                         courses.push((course, knots));
                     }
                 }
@@ -337,7 +346,13 @@ fn learn_patterns(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) 
     predictions
 }
 
-fn add_shifts(spec: &AlignerSpec, measured: &Measured, courses: &[Option<Course>], first_knot: usize, sums: &mut ShiftSums) {
+fn add_shifts(
+    spec: &AlignerSpec,
+    measured: &Measured,
+    courses: &[Option<Course>],
+    first_knot: usize,
+    sums: &mut ShiftSums,
+) {
     let n = spec.rope.strands();
     let grid = measured.grid(spec);
     for (v, stripes) in measured.stripes.iter().enumerate() {
@@ -359,7 +374,12 @@ fn add_shifts(spec: &AlignerSpec, measured: &Measured, courses: &[Option<Course>
 const PASS_GAP_MM: f64 = 4.0;
 
 /// The wires of strand `j` over a few stretches, all views together. `None` if nothing coherent is found.
-pub(super) fn search_wires(spec: &AlignerSpec, views: &Views, stretches: &[&Measured], j: usize) -> Option<WirePrediction> {
+pub(super) fn search_wires(
+    spec: &AlignerSpec,
+    views: &Views,
+    stretches: &[&Measured],
+    j: usize,
+) -> Option<WirePrediction> {
     let n = spec.rope.strands();
     let of_view = |v: usize| -> Vec<(f64, Stripe)> {
         let of_stretch = |measured: &&Measured| {

@@ -87,7 +87,8 @@ mod tests {
         let contour = ModelContour::new(&rope, &Camera { angle_rad: 0.0, distance_mm: 1e7, px_per_mm: 10.0 });
         assert!((contour.width_px(FRAC_PI_2) - 320.0).abs() < 0.01); // the full diameter
         let notch = contour.width_px(FRAC_PI_2 + rope.strand_step_rad() / 2.0);
-        let expected = 20.0 * (rope.strand_curve_radius_mm() * (rope.strand_step_rad() / 2.0).cos() + rope.strand_radius_mm());
+        let expected =
+            20.0 * (rope.strand_curve_radius_mm() * (rope.strand_step_rad() / 2.0).cos() + rope.strand_radius_mm());
         assert!((notch - expected).abs() < 0.05);
         assert!((contour.upper_px(0.4) + contour.lower_px(0.4)).abs() < 1e-3); // even strands: symmetric
     }

@@ -4,10 +4,10 @@
 //! millimetres of rope, gets one Gauss-Newton step per strand from the linearised difference of image and [`Template`]; the
 //! smoother joins the knots, which keeps a defect from being followed.
 
-use super::image::GrayImage;
-use super::rope::Rope;
 use super::contour::Contours;
+use super::image::GrayImage;
 use super::model_contour::ModelContour;
+use super::rope::Rope;
 use super::surface::wrap_rad;
 use super::template::{Template, normalised_line, phase_bin};
 use super::wire_pattern::{WirePattern, mean_phase};
@@ -77,7 +77,8 @@ pub fn register(
         let bin = phase_bin(rope, mean - angle_rad);
         wires_rad(k, &mut wires);
         let steps = (mean - angle_rad) / step;
-        let in_bin = ((steps - steps.round() + 0.5) - (bin.row as f64 + 0.5) / super::template::PHASE_BINS as f64) * step;
+        let in_bin =
+            ((steps - steps.round() + 0.5) - (bin.row as f64 + 0.5) / super::template::PHASE_BINS as f64) * step;
         let sums = &mut knots[k / knot_lines];
         let (expected, per_rad, per_px) = (template.mean(bin.row), template.per_rad(bin.row), template.per_px(bin.row));
         for span in template.spans(bin.row) {

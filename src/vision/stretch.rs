@@ -153,7 +153,12 @@ impl ViewStretch {
 }
 
 /// Registers every view with its template: normal equations per view and knot (empty for unusable views).
-pub fn register_views(rope: &Rope, models: &[ViewModel], views: &[ViewStretch], reference: &Reference) -> Vec<Vec<KnotSums>> {
+pub fn register_views(
+    rope: &Rope,
+    models: &[ViewModel],
+    views: &[ViewStretch],
+    reference: &Reference,
+) -> Vec<Vec<KnotSums>> {
     use rayon::prelude::*;
     models
         .par_iter()
@@ -167,7 +172,14 @@ pub fn register_views(rope: &Rope, models: &[ViewModel], views: &[ViewStretch], 
                 let mut sums =
                     register(rope, template, pattern, angle, &view.image, &view.axis_px, knot_lines, phases, wires);
                 register_contours(
-                    rope, &model.contour, angle, &view.contours, &view.axis_px, knot_lines, phases, &mut sums,
+                    rope,
+                    &model.contour,
+                    angle,
+                    &view.contours,
+                    &view.axis_px,
+                    knot_lines,
+                    phases,
+                    &mut sums,
                 );
                 sums
             }
@@ -196,8 +208,7 @@ pub fn strand_knots(
             for (k, knot) in knots.iter().enumerate() {
                 let mean = reference.mean_phase_rad(reference.knot_middle(k));
                 for j in 0..n {
-                    let information =
-                        knot.phase_phase[j] / variance + knot.contour_phase_phase[j] / contour_variance;
+                    let information = knot.phase_phase[j] / variance + knot.contour_phase_phase[j] / contour_variance;
                     if information <= 0.0 {
                         continue;
                     }
@@ -226,7 +237,12 @@ fn contour_variance_px2(knots: &[KnotSums]) -> f64 {
 
 /// Correction of the axis per view and knot that the image asks for, given the strands' phases (`phases_rad[knot * strands + j]`),
 /// averaged over neighbouring knots.
-pub fn axis_corrections_px(rope: &Rope, sums: &[Vec<KnotSums>], reference: &Reference, phases_rad: &[f64]) -> Vec<Vec<f64>> {
+pub fn axis_corrections_px(
+    rope: &Rope,
+    sums: &[Vec<KnotSums>],
+    reference: &Reference,
+    phases_rad: &[f64],
+) -> Vec<Vec<f64>> {
     let n = rope.strands();
     sums.iter()
         .map(|knots| {
@@ -236,7 +252,8 @@ pub fn axis_corrections_px(rope: &Rope, sums: &[Vec<KnotSums>], reference: &Refe
                         let mean = reference.mean_phase_rad(reference.knot_middle(k));
                         let explained: f64 = (0..n)
                             .map(|j| {
-                                let base = mean + j as f64 * rope.strand_step_rad() + reference.deviation_rad[k * n + j];
+                                let base =
+                                    mean + j as f64 * rope.strand_step_rad() + reference.deviation_rad[k * n + j];
                                 knot.phase_axis[j] * (phases_rad[k * n + j] - base)
                             })
                             .sum();

@@ -78,7 +78,9 @@ pub fn visible_spans(rope: &Rope, camera: &Camera, phases_rad: &[f64], spans: &m
                 sight_rad: (y / (camera.distance_mm + z)).atan(),
             });
         }
-        covered = Some(covered.map_or((outline_from, outline_to), |(low, high)| (low.min(outline_from), high.max(outline_to))));
+        covered = Some(
+            covered.map_or((outline_from, outline_to), |(low, high)| (low.min(outline_from), high.max(outline_to))),
+        );
     }
     spans.sort_by(|a, b| a.from_px.total_cmp(&b.from_px));
 }
@@ -104,7 +106,8 @@ mod tests {
         let camera = Camera { angle_rad: 0.0, distance_mm: 400.0, px_per_mm: 12.0 };
         let mut spans = Vec::new();
         for turn in 0..60 {
-            let phases: Vec<f64> = (0..6).map(|j| j as f64 * rope.strand_step_rad() + f64::from(turn).to_radians()).collect();
+            let phases: Vec<f64> =
+                (0..6).map(|j| j as f64 * rope.strand_step_rad() + f64::from(turn).to_radians()).collect();
             visible_spans(&rope, &camera, &phases, &mut spans);
             for pair in spans.windows(2) {
                 let gap = pair[1].from_px - pair[0].to_px;

@@ -85,7 +85,14 @@ impl TemplateSums {
     }
 
     /// Adds every `stride`-th line. `phase_in_view_rad(line)` is that of strand 0.
-    pub fn add(&mut self, rope: &Rope, image: &GrayImage, axis_px: &[f32], stride: usize, phase_in_view_rad: impl Fn(usize) -> f64) {
+    pub fn add(
+        &mut self,
+        rope: &Rope,
+        image: &GrayImage,
+        axis_px: &[f32],
+        stride: usize,
+        phase_in_view_rad: impl Fn(usize) -> f64,
+    ) {
         for k in (0..image.lines()).step_by(stride) {
             if normalised_line(image.line(k), axis_px[k], &mut self.line) {
                 let row = phase_bin(rope, phase_in_view_rad(k)).row;

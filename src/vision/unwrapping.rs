@@ -93,7 +93,8 @@ pub fn read_stripes(
             continue;
         }
         phases_rad(k, &mut phases);
-        let mean = phases.iter().enumerate().map(|(j, p)| p - j as f64 * rope.strand_step_rad()).sum::<f64>() / n as f64;
+        let mean =
+            phases.iter().enumerate().map(|(j, p)| p - j as f64 * rope.strand_step_rad()).sum::<f64>() / n as f64;
         let expected = template.mean(phase_bin(rope, mean - camera.angle_rad).row);
         visible_spans(rope, camera, &phases, &mut spans);
         for span in &spans {

@@ -29,7 +29,13 @@ impl PatternSums {
     /// Empty sums for images of `width` columns.
     pub fn new(width: usize) -> Self {
         let n = HARMONICS * PHASE_BINS * width;
-        Self { width, re: vec![0.0; n], im: vec![0.0; n], counts: vec![0.0; PHASE_BINS * width], line: vec![0.0; width] }
+        Self {
+            width,
+            re: vec![0.0; n],
+            im: vec![0.0; n],
+            counts: vec![0.0; PHASE_BINS * width],
+            line: vec![0.0; width],
+        }
     }
 
     /// Adds every `stride`-th line. `phases(line, strands, wires)` gives the phases of all strands and of wire 0 of each strand
@@ -154,7 +160,15 @@ impl WirePattern {
     }
 
     /// Takes the pattern of wires at `wire_phase_in_view_rad` out of the columns `from..to` of a normalised line.
-    pub fn subtract(&self, wires: usize, row: usize, wire_phase_in_view_rad: f64, line: &mut [f32], from: usize, to: usize) {
+    pub fn subtract(
+        &self,
+        wires: usize,
+        row: usize,
+        wire_phase_in_view_rad: f64,
+        line: &mut [f32],
+        from: usize,
+        to: usize,
+    ) {
         for h in 0..HARMONICS {
             let angle = (h + 1) as f64 * wires as f64 * wire_phase_in_view_rad;
             let (sin, cos) = (angle.sin() as f32, angle.cos() as f32);

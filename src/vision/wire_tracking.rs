@@ -181,9 +181,10 @@ pub fn wire_knots(
         sum.3 += 1.0;
     }
     // Scatter of single readings about their knot's mean: the noise that the phase of the mean has.
-    let (scatter, count) = sums.iter().filter(|s| s.3 >= 2.0).fold((0.0, 0.0), |(t, c), s| {
-        (t + s.2 - (s.0 * s.0 + s.1 * s.1) / s.3, c + s.3 - 1.0)
-    });
+    let (scatter, count) = sums
+        .iter()
+        .filter(|s| s.3 >= 2.0)
+        .fold((0.0, 0.0), |(t, c), s| (t + s.2 - (s.0 * s.0 + s.1 * s.1) / s.3, c + s.3 - 1.0));
     let variance = (scatter / f64::max(count, 1.0) / 2.0).max(1e-9) * READINGS_PER_INDEPENDENT * noise_scale;
     sums.iter()
         .enumerate()
@@ -220,7 +221,13 @@ pub fn readings(rope: &Rope, views: &[(&Stripes, &StripeShift)], j: usize, grid:
 }
 
 /// How well the stripes of strand `j` in one view agree with wires on `phase_rad(position)`: |sum|/sum of amplitudes.
-pub fn coherence(rope: &Rope, views: &[(&Stripes, &StripeShift)], j: usize, grid: Grid, phase_rad: impl Fn(f64) -> f64) -> f64 {
+pub fn coherence(
+    rope: &Rope,
+    views: &[(&Stripes, &StripeShift)],
+    j: usize,
+    grid: Grid,
+    phase_rad: impl Fn(f64) -> f64,
+) -> f64 {
     let n = rope.strands();
     let m = rope.wires() as f64;
     let (mut sum, mut total) = ((0.0, 0.0), 0.0);
@@ -249,7 +256,8 @@ pub fn searched_rates(rope: &Rope) -> Vec<(f64, f64)> {
         Some(lay) => vec![(TAU / (lay * (1.0 + NOMINAL_TOLERANCE)), TAU / (lay * (1.0 - NOMINAL_TOLERANCE)))],
         None => {
             let diameter = 2.0 * rope.strand_radius_mm();
-            let (short, long) = (SEARCHED_LAY_STRAND_DIAMETERS.0 * diameter, SEARCHED_LAY_STRAND_DIAMETERS.1 * diameter);
+            let (short, long) =
+                (SEARCHED_LAY_STRAND_DIAMETERS.0 * diameter, SEARCHED_LAY_STRAND_DIAMETERS.1 * diameter);
             vec![(TAU / long, TAU / short), (-TAU / short, -TAU / long)]
         }
     }

@@ -263,3 +263,53 @@ pub(super) fn defects(truth: &Truth, found: &Value) -> String {
 fn peak(defect: &Value) -> f64 {
     defect["peak_score"].as_f64().unwrap_or(0.0)
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use ropescope::simulate::{Recipe, Scene, write_acquisition};
+    use serde_json::json;
+
+    /// A short simulated rope with two defects.
+    pub(in crate::cli::demo) fn truth() -> (tempfile::TempDir, Truth) {
+        let folder = tempfile::tempdir().unwrap();
+        let recipe = Recipe { metres: 0.4, defects: 2, view_angles_deg: vec![0.0, 180.0], ..Recipe::photographic() };
+        write_acquisition(&Scene::new(&recipe, 5).unwrap(), folder.path(), |_| {}).unwrap();
+        let truth = Truth::read(folder.path()).unwrap();
+        (folder, truth)
+    }
+
+    /// What a service would say that finds the first planted defect, and one that is none.
+    pub(in crate::cli::demo) fn found(truth: &Truth) -> Value {
+        let label = &truth.labels[0];
+        let p = truth.planted().into_iter().find(|p| p.id == label.defect).unwrap();
+        let alarm = json!({"view": label.view, "first_line": label.first_line, "last_line": label.last_line,
+            "first_column": label.first_column, "last_column": label.last_column, "peak_score": 9.5});
+        json!({"items": [
+            {"from_m": p.from_m, "to_m": p.to_m, "strand": label.strand, "wire": label.wire, "peak_score": 9.5, "alarms": [alarm]},
+            {"from_m": 9.0, "to_m": 9.1, "strand": null, "wire": null, "peak_score": 4.0, "alarms": []},
+        ]})
+    }
+
+    #[test]
+    fn found_defects_are_held_against_planted_ones() {
+        let (_folder, truth) = truth();
+        let table = defects(&truth, &found(&truth));
+        assert!(table.contains("1 of 2 planted defects found, 1 where nothing was planted"), "{table}");
+        assert!(table.contains("9.000 .. 9.100"), "{table}");
+    }
+
+    #[test]
+    fn estimates_that_are_true_have_no_error_whatever_strand_comes_first() {
+        let (_folder, truth) = truth();
+        let (first, last) = (0, 1999);
+        let wires: Vec<Value> =
+            (0..6).map(|j| json!({"lay_mm": truth.wire_mm((j + 2) % 6, first, last).unwrap()})).collect();
+        let phase_rad = truth.strand_phase_rad[(first + last) / 2] + 2.0 * TAU / 6.0;
+        let answer = json!({"rows": [{"first_line": first, "last_line": last, "position_m": 0.1, "wires": wires,
+            "strand_lay_mm": truth.strand_mm(first, last).unwrap(), "strand_phase_rad": phase_rad}]});
+        let table = lay_lengths(&truth, &answer);
+        let all: Vec<&str> = table.lines().last().unwrap().split_whitespace().collect();
+        assert_eq!((all[3], all[6], all[7]), ("0.000", "0.000", "0"), "{table}");
+    }
+}

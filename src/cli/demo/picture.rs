@@ -127,7 +127,7 @@ async fn close_ups(
             let top = y + 24 + row * (CLOSE_HEIGHT + 6);
             source.paste(canvas, view, name, range, (x, top, CLOSE_WIDTH, CLOSE_HEIGHT)).await?;
             let x_of = |m: f64| x + (((m - range.0) / (range.1 - range.0)).clamp(0.0, 1.0) * CLOSE_WIDTH as f64) as i64;
-            let column = |key: &str| alarm[key].as_f64().unwrap_or(0.0) / source.columns(alarm) * CLOSE_HEIGHT as f64;
+            let column = |key: &str| alarm[key].as_f64().unwrap_or(0.0) / columns() * CLOSE_HEIGHT as f64;
             let (upper, lower) = (column("first_column") as i64, column("last_column") as i64);
             canvas.frame(
                 x_of(from) - 4,
@@ -159,6 +159,11 @@ fn lines(alarm: &Value, pitch_m: f64) -> (f64, f64) {
     (line("first_line"), line("last_line"))
 }
 
+/// Columns of the sensor of simulated acquisitions.
+fn columns() -> f64 {
+    f64::from(ropescope::simulate::Recipe::photographic().sensor_px)
+}
+
 /// Where pictures come from.
 struct Source<'a> {
     client: &'a Client,
@@ -166,11 +171,6 @@ struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Columns of the sensor: what simulated acquisitions have.
-    fn columns(&self, _alarm: &Value) -> f64 {
-        f64::from(ropescope::simulate::Recipe::photographic().sensor_px)
-    }
-
     /// Fetches a range of a view and puts it into a box (x, y, width, height), turned so that the rope lies.
     async fn paste(
         &self,
@@ -212,4 +212,47 @@ fn heat(gray: u8) -> Colour {
     let stop = (place as usize).min(STOPS.len() - 2);
     let part = place - stop as f64;
     [0, 1, 2].map(|c| (STOPS[stop][c] * (1.0 - part) + STOPS[stop + 1][c] * part) as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::demo::compare::tests::{found, truth};
+    use axum::extract::{Path, Query, State};
+    use std::collections::HashMap;
+
+    /// Answers with a frame of the simulated rope, and with its negative for the map.
+    async fn answer(
+        State(frame): State<image::GrayImage>,
+        Path((_, _, name)): Path<(String, usize, String)>,
+        Query(query): Query<HashMap<String, String>>,
+    ) -> Vec<u8> {
+        let (width, height) = (query["width"].parse().unwrap(), query["height"].parse().unwrap());
+        let mut picture = image::imageops::resize(&frame, width, height, image::imageops::FilterType::Triangle);
+        if name == "likelihood.png" {
+            image::imageops::invert(&mut picture);
+        }
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        picture.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+        bytes.into_inner()
+    }
+
+    #[tokio::test]
+    async fn the_picture_shows_what_was_planted_and_found() {
+        let (folder, truth) = truth();
+        let frame = image::open(folder.path().join("view0/frame_000000.png")).unwrap().into_luma8();
+        let router = axum::Router::new()
+            .route("/api/v1/inspections/{id}/views/{view}/{name}", axum::routing::get(answer))
+            .with_state(frame);
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        tokio::spawn(async move { axum::serve(listener, router).await.unwrap() });
+        let client = Client::new(&url, "rope_x_y", std::time::Duration::from_secs(5), 1).unwrap();
+        let picture = draw(&client, "i", &truth, &found(&truth)).await.unwrap();
+        for colour in [PLANTED, FOUND, INK] {
+            let dots = picture.pixels().filter(|p| p.0 == colour).count();
+            assert!(dots > 300, "{colour:?}: {dots}");
+        }
+        picture.save(std::env::temp_dir().join("ropescope-demo-test.png")).unwrap();
+    }
 }
