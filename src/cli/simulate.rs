@@ -209,7 +209,7 @@ impl SimulateArgs {
 }
 
 /// Runs the command.
-pub(crate) fn run(args: SimulateArgs) -> anyhow::Result<()> {
+pub(crate) fn run(args: &SimulateArgs) -> anyhow::Result<()> {
     let scene = Scene::new(&args.recipe()?, args.seed)?;
     if !args.force && std::fs::read_dir(&args.out).is_ok_and(|mut entries| entries.next().is_some()) {
         bail!("{} is not empty: choose another --out, or --force to write into it", args.out.display());

@@ -1,1 +1,14 @@
-//! evaluate
+//! Results against truth, by the protocols of [Wacker13, sec. 6.2]: lay-length errors, displacement, line ROC, 50 % recovery,
+//! defects found and metres to inspect again.
+
+pub mod defects; // what was decided: found, false, metres to inspect again
+pub mod displacement;
+pub mod labels; // which lines of which view show a defect
+pub mod lay_lengths;
+pub mod report; // everything together, as JSON and for people
+pub mod roc; // line scores against labels
+pub mod table; // CSV, row by row
+pub mod truth; // what the recording says of itself
+
+pub use report::{Evaluation, evaluate};
+pub use table::EvaluateError;

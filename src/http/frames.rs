@@ -68,7 +68,7 @@ pub struct Image(#[expect(dead_code, reason = "only its schema is used")] Vec<u8
     ("id" = Uuid, Path, description = "The acquisition"),
     ("view" = u32, Path, description = "The view, from 0"),
     ("frame" = u32, Path, description = "Number of the frame, from 0"),
-    ("repr-digest" = Option<String>, Header, description = "RFC 9530; `sha-256=:<base64>:` of the body, verified if sent")),
+    ("repr-digest" = Option<String>, Header, description = "RFC 9530; `sha-256=:<base64>:` of the body, verified if sent", pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$")),
     request_body(description = "8 or 16 bit gray, rows are camera lines, at most 64 MiB", content(
         (Image = "image/png"), (Image = "image/tiff"), (Image = "application/octet-stream"))),
     responses(

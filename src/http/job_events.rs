@@ -12,10 +12,22 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use futures::Stream;
 use std::convert::Infallible;
 use std::time::Duration;
+use utoipa::ToSchema;
 use uuid::Uuid;
 
 /// Time between two looks at the job.
 const LOOK: Duration = Duration::from_millis(400);
+
+/// An event of the stream, for the contract.
+#[derive(ToSchema)]
+pub struct JobEvent {
+    /// `progress`, or `end` as the last one.
+    #[expect(dead_code, reason = "only its schema is used")]
+    event: String,
+    /// The job as JSON.
+    #[expect(dead_code, reason = "only its schema is used")]
+    data: String,
+}
 
 struct Watching {
     app: App,
@@ -27,7 +39,7 @@ struct Watching {
 
 /// Progress of a job: an event `progress` with the job whenever it changes, then one event `end`
 #[utoipa::path(get, path = "/jobs/{id}/events", tag = "jobs", params(("id" = Uuid, Path, description = "The job")),
-    responses((status = 200, description = "Server-sent events; the data of `progress` and `end` is the job", body = String, content_type = "text/event-stream"), ReadProblems))]
+    responses((status = 200, description = "Server-sent events; the data of `progress` and `end` is the job", body = JobEvent, content_type = "text/event-stream"), ReadProblems))]
 pub async fn get_job_events(State(app): State<App>, Path(id): Path<Uuid>) -> Result<impl IntoResponse, Problem> {
     app.store.job(Id(id)).await?.ok_or_else(|| Problem::no("job", id))?;
     let watching = Watching { app, id: Id(id), sent: String::new(), ended: false, closed: false };

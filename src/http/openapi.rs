@@ -5,10 +5,12 @@ use axum::Router;
 use axum::http::header;
 use axum::response::IntoResponse;
 use axum::routing::get;
+use utoipa::openapi::schema::{SchemaType, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::tag::TagBuilder;
 use utoipa::openapi::{
-    ComponentsBuilder, InfoBuilder, LicenseBuilder, OpenApi, OpenApiBuilder, SecurityRequirement, ServerBuilder,
+    ComponentsBuilder, InfoBuilder, LicenseBuilder, OpenApi, OpenApiBuilder, RefOr, Schema, SecurityRequirement,
+    ServerBuilder,
 };
 use utoipa_swagger_ui::SwaggerUi;
 
@@ -58,6 +60,37 @@ pub fn frame() -> OpenApi {
             tag("service", "The service itself"),
         ]))
         .build()
+}
+
+/// Parameters that may be left out: an `Option` says so, but also that the text `null` would do, which is not true.
+pub fn absent_not_null(contract: &mut OpenApi) {
+    for item in contract.paths.paths.values_mut() {
+        let operations = [&mut item.get, &mut item.put, &mut item.post, &mut item.delete, &mut item.patch];
+        let parameters = operations.into_iter().flatten().filter_map(|o| o.parameters.as_mut()).flatten();
+        for schema in parameters.filter_map(|p| match p {
+            RefOr::T(parameter) => parameter.schema.as_mut(),
+            RefOr::Ref(_) => None,
+        }) {
+            without_null(schema);
+        }
+    }
+}
+
+fn without_null(schema: &mut RefOr<Schema>) {
+    if let RefOr::T(Schema::Object(object)) = schema
+        && let SchemaType::Array(types) = &mut object.schema_type
+    {
+        types.retain(|t| *t != Type::Null);
+        if let [only] = types.as_slice() {
+            object.schema_type = SchemaType::Type(only.clone());
+        }
+    } else if let RefOr::T(Schema::OneOf(one_of)) = schema {
+        let null = |s: &RefOr<Schema>| matches!(s, RefOr::T(Schema::Object(o)) if o.schema_type == SchemaType::Type(Type::Null));
+        one_of.items.retain(|item| !null(item));
+        if one_of.items.len() == 1 {
+            *schema = one_of.items.remove(0);
+        }
+    }
 }
 
 /// The contract as it stands in `openapi.yaml`.

@@ -91,12 +91,14 @@ fn api(app: &App) -> OpenApiRouter<App> {
 
 fn all(app: &App) -> (Router<App>, utoipa::openapi::OpenApi) {
     let metrics = OpenApiRouter::new().routes(routes!(health::get_metrics));
-    OpenApiRouter::with_openapi(openapi::frame())
+    let (router, mut contract) = OpenApiRouter::with_openapi(openapi::frame())
         .nest("/api/v1", api(app))
         .merge(group(app, READERS, metrics))
         .routes(routes!(health::healthz))
         .routes(routes!(health::readyz))
-        .split_for_parts()
+        .split_for_parts();
+    openapi::absent_not_null(&mut contract);
+    (router, contract)
 }
 
 /// The contract that the routes amount to.

@@ -5,6 +5,8 @@ pub mod inspect;
 pub mod progress;
 pub mod results;
 pub mod source;
+pub mod stretches;
+pub mod tables;
 pub mod train;
 
 pub use acquisition::{Acquisition, AcquisitionError, RopeFile};

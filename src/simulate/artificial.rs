@@ -26,17 +26,14 @@ pub fn render(scene: &Scene, view: usize, frame: usize) -> Vec<u8> {
         cut.cut(scene, view, scene.first_line(frame) + row, &[]);
         nearest.fill((f64::INFINITY, DARK));
         for wire in &cut.wires {
-            if wire.z - cut.axis.1 > 0.5 * rope.strand_curve_radius_mm() {
-                continue; // hidden
-            }
             let centre_px = camera.column_px(wire.y, wire.z); // eq. 5
             let radius_px = camera.focal_px * rope.wire_radius_mm() / (wire.z + camera.distance_mm);
             let first = (centre_px - radius_px).ceil().max(0.0) as usize;
             let end = ((centre_px + radius_px).floor() + 1.0).clamp(0.0, width as f64) as usize;
-            for column in first.min(end)..end {
-                if wire.z < nearest[column].0 {
+            for (column, nearest) in nearest.iter_mut().enumerate().take(end).skip(first) {
+                if wire.z < nearest.0 {
                     let u = (column as f64 - centre_px) / (SD_WIRE_RADII * radius_px);
-                    nearest[column] = (wire.z, DARK + CONTRAST * (-0.5 * u * u).exp() as f32);
+                    *nearest = (wire.z, DARK + CONTRAST * (-0.5 * u * u).exp() as f32);
                 }
             }
         }

@@ -2,6 +2,7 @@
 
 use super::defects::Defect;
 use super::scene::Scene;
+use super::trace::wrap;
 use crate::vision::strand::on_circle;
 
 /// A strand where the cut meets it.
@@ -11,7 +12,7 @@ pub struct StrandCut {
     pub y: f64,
     /// Centre in mm, away from the camera.
     pub z: f64,
-    /// Phase in the axes of the view in rad.
+    /// Phase in the axes of the view in rad, -pi..pi.
     pub phase_rad: f64,
 }
 
@@ -22,7 +23,7 @@ pub struct WireCut {
     pub y: f64,
     /// Centre in mm, away from the camera.
     pub z: f64,
-    /// Phase in the axes of the view in rad.
+    /// Phase in the axes of the view in rad, -pi..pi.
     pub phase_rad: f64,
     /// Direction of the wire: (1, tangent_y, tangent_z) is along it.
     pub tangent_y: f64,
@@ -68,7 +69,7 @@ impl CrossSection {
             let (y, z) = on_circle(r_s, phase);
             let rate = strand_rate + scene.strand_jitter[j].slope(x);
             let (strand_ty, strand_tz) = (-z * rate, y * rate); // d/dphase of (sin, -cos)
-            self.strands.push(StrandCut { y: y + axis.0, z: z + axis.1, phase_rad: phase });
+            self.strands.push(StrandCut { y: y + axis.0, z: z + axis.1, phase_rad: wrap(phase) });
             let wire_phase = scene.wires[j].phase_rad(x) - angle;
             let wire_rate = scene.wires[j].rad_per_mm(x);
             let (mut sin, mut cos) = wire_phase.sin_cos();
@@ -76,7 +77,7 @@ impl CrossSection {
                 self.wires.push(WireCut {
                     y: y + axis.0 + r_w * sin,
                     z: z + axis.1 - r_w * cos,
-                    phase_rad: wire_phase + i as f64 * rope.wire_step_rad(),
+                    phase_rad: wrap(wire_phase + i as f64 * rope.wire_step_rad()),
                     tangent_y: strand_ty + r_w * cos * wire_rate,
                     tangent_z: strand_tz + r_w * sin * wire_rate,
                     strand: j,

@@ -1,7 +1,7 @@
 //! How intact rope in service looks: dirt, oil, water, harmless scratches. All of it is fixed to the rope's surface, so that
 //! every view that sees a place sees the same.
 
-use super::noise::{Along, ring_noise, surface_noise};
+use super::noise::{Along, LineNoise};
 use super::recipe::Recipe;
 use rand::Rng;
 use std::f64::consts::{PI, TAU};
@@ -76,17 +76,22 @@ pub struct LineFinish<'a> {
     finish: &'a Finish,
     marks: Vec<Mark>,
     x_mm: f64,
-    grime: Along,
-    patch: Along,
-    streak: Along,
-    grain: Along,
-    speck: Along,
+    grime: LineNoise,
+    patch: LineNoise,
+    streak: LineNoise,
+    grain: LineNoise,
+    speck: LineNoise,
     grime_ring: i32,
     patch_ring: i32,
 }
 
 fn smoothstep(low: f32, high: f32, value: f32) -> f32 {
-    let t = ((value - low) / (high - low)).clamp(0.0, 1.0);
+    ease((value - low) / (high - low))
+}
+
+/// 0 below 0, 1 above 1, smooth between.
+fn ease(t: f32) -> f32 {
+    let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
@@ -134,43 +139,47 @@ impl Finish {
             .copied()
             .collect();
         let round_mm = TAU * self.radius_mm;
+        let (grime_ring, patch_ring) = ((round_mm / 11.0).ceil() as i32, (round_mm / 2.7).ceil() as i32);
         LineFinish {
             finish: self,
             marks,
             x_mm,
-            grime: Along::at(x_mm, 31.0),
-            patch: Along::at(x_mm, 5.3),
-            streak: Along::at(x_mm, 8.7),
-            grain: Along::at(x_mm, 0.43),
-            speck: Along::at(x_mm, 0.61),
-            grime_ring: (round_mm / 11.0).ceil() as i32,
-            patch_ring: (round_mm / 2.7).ceil() as i32,
+            grime: LineNoise::ring(Along::at(x_mm, 31.0), grime_ring),
+            patch: LineNoise::ring(Along::at(x_mm, 5.3), patch_ring),
+            streak: LineNoise::strip(Along::at(x_mm, 8.7)),
+            grain: LineNoise::strip(Along::at(x_mm, 0.43)),
+            speck: LineNoise::strip(Along::at(x_mm, 0.61)),
+            grime_ring,
+            patch_ring,
         }
     }
 }
 
 impl LineFinish<'_> {
     /// The coat of a place on this line.
-    pub fn coat(&self, place: &Place) -> Coat {
+    pub fn coat(&mut self, place: &Place) -> Coat {
         let f = self.finish;
         let own = f.seed ^ ((place.strand * 32 + place.wire.unwrap_or(31)) as u32).wrapping_mul(0x61C8_8647);
         let turn = place.rope_angle_rad * (1.0 / std::f32::consts::TAU);
-        let grime = ring_noise(f.seed ^ 1, self.grime, turn * self.grime_ring as f32, self.grime_ring);
-        let patch = ring_noise(f.seed ^ 2, self.patch, turn * self.patch_ring as f32, self.patch_ring);
-        let streak = surface_noise(own ^ 3, self.streak, place.arc_mm * 4.3) - 0.5;
-        let grain = surface_noise(own ^ 4, self.grain, place.arc_mm * 2.9) - 0.5;
-        let cover = smoothstep(0.25, 0.8, 0.55 * grime + 0.45 * patch);
-        let dirt = (f.dirt * (0.25 + 1.1 * cover) * (0.55 + 0.9 * place.valley)).min(0.92);
+        let grime = self.grime.at(f.seed ^ 1, turn * self.grime_ring as f32);
+        let patch = self.patch.at(f.seed ^ 2, turn * self.patch_ring as f32);
+        let streak = self.streak.at(own ^ 3, place.arc_mm * 4.3) - 0.5;
+        let grain = self.grain.at(own ^ 4, place.arc_mm * 2.9) - 0.5;
+        let cover = ease((0.55 * grime + 0.45 * patch - 0.25) * (1.0 / 0.55));
+        let dirt = (f.dirt * (0.15 + 1.35 * cover) * (0.45 + 1.5 * place.valley)).min(0.92);
         let mut coat = Coat {
             albedo: (1.0 - 0.7 * dirt) * (1.0 + 0.2 * streak + (0.1 + 0.35 * f.dirt) * grain),
-            gloss: (1.0 - 0.85 * dirt) * (1.0 + 0.7 * streak + 0.3 * grain),
+            gloss: (1.0 - 0.85 * dirt) * (1.0 + 1.3 * streak + 0.4 * grain),
             flat: 0.0,
         };
         if f.dirt > 0.0 {
-            let speck = surface_noise(own ^ 5, self.speck, place.arc_mm * 2.1);
-            coat.albedo *= 1.0 - 0.75 * smoothstep(0.93 - 0.12 * f.dirt * patch, 1.0, speck);
+            let speck = self.speck.at(own ^ 5, place.arc_mm * 2.1);
+            let least = 0.93 - 0.12 * f.dirt * patch;
+            if speck > least {
+                coat.albedo *= 1.0 - 0.75 * smoothstep(least, 1.0, speck);
+            }
         }
-        if f.water > 0.0 {
+        if grime > 1.0 - f.water {
             let film = smoothstep(1.0 - f.water, 1.15 - f.water, grime);
             coat.albedo *= 1.0 - 0.22 * film;
             coat.gloss *= 1.0 + 0.9 * film;

@@ -34,14 +34,14 @@ pub struct Label {
     pub clear: bool,
 }
 
-/// Pixels of a run below which no inspector would swear to it.
-const CLEAR_PX: usize = 130;
-/// Columns below which a run is a sliver at the rope's edge.
-const CLEAR_COLUMNS: usize = 6;
-/// Lines without any sign that end a run.
-const GAP_LINES: usize = 12;
-/// Shorter runs are not marked.
-const SHORTEST_LINES: usize = 3;
+/// Area of a run in mm2 below which no inspector would swear to it.
+const CLEAR_MM2: f64 = 1.1;
+/// Width in mm below which a run is a sliver at the rope's edge.
+const CLEAR_WIDTH_MM: f64 = 0.5;
+/// Rope in mm without any sign that ends a run.
+const GAP_MM: f64 = 1.2;
+/// Shorter runs, in mm, are not marked.
+const SHORTEST_MM: f64 = 0.3;
 
 /// All labels of a scene, by defect, view and line.
 pub fn labels(scene: &Scene) -> Vec<Label> {
@@ -56,6 +56,7 @@ pub fn labels(scene: &Scene) -> Vec<Label> {
 fn labels_of(scene: &Scene, index: usize, view: usize) -> Vec<Label> {
     let defect = &scene.defects()[index];
     let pitch_mm = scene.recipe().line_pitch_mm;
+    let column_mm = scene.recipe().diameter_mm / scene.recipe().rope_width_px;
     let reach_mm = defect.half_mm + 12.0;
     let first = ((defect.centre_mm - reach_mm) / pitch_mm).max(0.0) as usize;
     let end = (((defect.centre_mm + reach_mm) / pitch_mm) as usize).min(scene.lines());
@@ -73,7 +74,7 @@ fn labels_of(scene: &Scene, index: usize, view: usize) -> Vec<Label> {
             continue;
         }
         match runs.last_mut() {
-            Some((label, area)) if line - label.last_line <= GAP_LINES => {
+            Some((label, area)) if (line - label.last_line) as f64 * pitch_mm <= GAP_MM => {
                 label.last_line = line;
                 label.first_column = label.first_column.min(low);
                 label.last_column = label.last_column.max(high);
@@ -97,10 +98,11 @@ fn labels_of(scene: &Scene, index: usize, view: usize) -> Vec<Label> {
             )),
         }
     }
-    runs.retain(|(label, _)| label.last_line - label.first_line + 1 >= SHORTEST_LINES);
+    runs.retain(|(label, _)| (label.last_line - label.first_line + 1) as f64 * pitch_mm >= SHORTEST_MM - 1e-9);
     runs.into_iter()
         .map(|(label, area)| Label {
-            clear: area >= CLEAR_PX && label.last_column - label.first_column + 1 >= CLEAR_COLUMNS,
+            clear: area as f64 * pitch_mm * column_mm >= CLEAR_MM2
+                && (label.last_column - label.first_column + 1) as f64 * column_mm >= CLEAR_WIDTH_MM,
             ..label
         })
         .collect()

@@ -11,8 +11,8 @@ fn dot(a: Vector, b: Vector) -> f32 {
 }
 
 fn unit(v: Vector) -> Vector {
-    let length = dot(v, v).sqrt();
-    v.map(|c| c / length)
+    let shrink = 1.0 / dot(v, v).sqrt();
+    v.map(|c| c * shrink)
 }
 
 /// A lamp in the axes of the view: (along the rope, along the sensor, away from the camera).
@@ -45,8 +45,14 @@ pub struct WireLight {
 #[derive(Debug, Clone, Default)]
 pub struct Shadows {
     strands: Vec<(usize, f32, f32)>,
-    radius: f32,
+    /// Share of light per mm from the shadow's middle line.
+    soft: f32,
 }
+
+/// Shadows begin this far inside a strand's outline, as a share of light (negative) ...
+const SHADOW_START: f32 = -0.78 / 0.34;
+/// ... and this much light is left in them.
+const SHADOW_LEFT: f32 = 0.10;
 
 impl Lamps {
     /// The lamps of every camera head; `tilt` (about 1) differs a little from head to head.
@@ -81,14 +87,16 @@ impl Lamps {
         let mut diffuse = AMBIENT * (0.55 - 0.45 * n[2]);
         let mut highlight = 0.0;
         for (k, lamp) in self.0.iter().enumerate() {
-            let strength = lamp.strength * lit[k];
+            let strength = lit[k];
             diffuse += strength * dot(n, lamp.to_lamp).max(0.0);
-            let h = dot(n, lamp.halfway).max(0.0);
-            let h2 = h * h;
-            let h4 = h2 * h2;
-            let h8 = h4 * h4;
-            let h32 = h8 * h8 * h8 * h8;
-            highlight += strength * wire.along[k] * (0.30 * h8 + 0.55 * h32);
+            let h = dot(n, lamp.halfway);
+            if h > 0.5 {
+                let h2 = h * h;
+                let h4 = h2 * h2;
+                let h8 = h4 * h4;
+                let h16 = h8 * h8;
+                highlight += strength * wire.along[k] * h8 * (0.16 + 0.60 * h16 * h8);
+            }
         }
         openness * (0.55 * diffuse * coat.albedo + highlight * coat.gloss)
     }
@@ -97,17 +105,17 @@ impl Lamps {
 impl Shadows {
     /// Takes the strands of a cut.
     pub fn prepare(&mut self, rope: &Rope, cut: &CrossSection) {
-        self.radius = rope.strand_radius_mm() as f32;
+        self.soft = 1.0 / (0.34 * rope.strand_radius_mm() as f32);
         self.strands.clear();
         let near =
             cut.strands.iter().enumerate().filter(|(_, s)| s.z - cut.axis.1 < 0.6 * rope.strand_curve_radius_mm());
         self.strands.extend(near.map(|(j, s)| (j, s.y as f32, s.z as f32)));
     }
 
-    /// How much of each lamp reaches a point of a strand, 0 to 1, with soft edges.
+    /// Strength of each lamp at a point of a strand, with soft shadows.
     pub fn lit(&self, lamps: &Lamps, strand: usize, point: [f32; 2]) -> [f32; 3] {
         lamps.0.map(|lamp| {
-            let mut lit = 1.0_f32;
+            let mut lit = lamp.strength;
             for &(j, y, z) in &self.strands {
                 if j == strand {
                     continue;
@@ -116,7 +124,7 @@ impl Shadows {
                 let ahead = away[0] * lamp.in_cut[0] + away[1] * lamp.in_cut[1];
                 if ahead > 0.0 {
                     let beside = (away[0] * lamp.in_cut[1] - away[1] * lamp.in_cut[0]).abs();
-                    lit *= ((beside - 0.80 * self.radius) / (0.28 * self.radius)).clamp(0.12, 1.0);
+                    lit *= (beside * self.soft + SHADOW_START).clamp(SHADOW_LEFT, 1.0);
                 }
             }
             lit
@@ -133,7 +141,7 @@ mod tests {
         let lamps = Lamps::new(1.0);
         let wire = lamps.on_wire(0.1, 0.0);
         let coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0 };
-        let gray = |angle: f32| lamps.shade(&wire, [angle.sin(), -angle.cos()], &coat, 1.0, [1.0; 3]);
+        let gray = |angle: f32| lamps.shade(&wire, [angle.sin(), -angle.cos()], &coat, 1.0, [0.52, 0.44, 0.30]);
         assert!(gray(0.0) > 1.3 * gray(0.9) && gray(0.0) > 1.3 * gray(-0.9));
         assert!(gray(0.0) < 1.2 && gray(1.5) > 0.02);
     }

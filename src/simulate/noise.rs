@@ -74,27 +74,54 @@ fn ease(t: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Smooth noise in 0..1 over a surface, an independent value per cell; `across` counts cells round the rope or wire.
-#[inline]
+/// Smooth noise in 0..1 over a surface, seen along one line: an independent value per cell, blended between cells.
+///
+/// Places of a line come in order, so the two cells around the last one are kept.
+#[derive(Debug, Clone, Copy)]
+pub struct LineNoise {
+    along: Along,
+    ring: Option<i32>,
+    seed: u32,
+    cell: i32,
+    low: f32,
+    high: f32,
+}
+
+impl LineNoise {
+    /// Noise on an endless strip.
+    pub fn strip(along: Along) -> Self {
+        Self { along, ring: None, seed: 0, cell: i32::MIN, low: 0.0, high: 0.0 }
+    }
+
+    /// Noise round the rope that closes after `ring` cells.
+    pub fn ring(along: Along, ring: i32) -> Self {
+        Self { ring: Some(ring), ..Self::strip(along) }
+    }
+
+    /// Value at `across` cells.
+    #[inline]
+    pub fn at(&mut self, seed: u32, across: f32) -> f32 {
+        let truncated = across as i32;
+        let cell = truncated - i32::from(across < truncated as f32); // floor, without a call
+        if cell != self.cell || seed != self.seed {
+            (self.seed, self.cell) = (seed, cell);
+            self.low = self.edge(cell);
+            self.high = self.edge(cell + 1);
+        }
+        let t = ease(across - cell as f32);
+        self.low + t * (self.high - self.low)
+    }
+
+    fn edge(&self, cell: i32) -> f32 {
+        let v = self.ring.map_or(cell, |ring| cell.rem_euclid(ring));
+        let (near, far) = (corner(self.seed, self.along.cell, v), corner(self.seed, self.along.cell + 1, v));
+        near + self.along.part * (far - near)
+    }
+}
+
+/// [`LineNoise`] on a strip at a single place.
 pub fn surface_noise(seed: u32, along: Along, across: f32) -> f32 {
-    let floor = across.floor();
-    blend(seed, along, floor as i32, floor as i32 + 1, across - floor)
-}
-
-/// The same, closed after `ring` cells.
-#[inline]
-pub fn ring_noise(seed: u32, along: Along, across: f32, ring: i32) -> f32 {
-    let floor = across.floor();
-    let v = floor as i32;
-    blend(seed, along, v.rem_euclid(ring), (v + 1).rem_euclid(ring), across - floor)
-}
-
-#[inline]
-fn blend(seed: u32, along: Along, v0: i32, v1: i32, part: f32) -> f32 {
-    let (u, tu, tv) = (along.cell, along.part, ease(part));
-    let low = corner(seed, u, v0) * (1.0 - tu) + corner(seed, u + 1, v0) * tu;
-    let high = corner(seed, u, v1) * (1.0 - tu) + corner(seed, u + 1, v1) * tu;
-    low * (1.0 - tv) + high * tv
+    LineNoise::strip(along).at(seed, across)
 }
 
 /// Standard normal numbers from a table of quantiles: quick, bounded to about 3.5 sd.
@@ -122,6 +149,9 @@ fn normal_quantile(p: f64) -> f64 {
         for n in 1..200 {
             term *= x * x / (2 * n + 1) as f64;
             sum += term;
+            if term.abs() < 1e-12 {
+                break;
+            }
         }
         0.5 + sum * (-x * x / 2.0).exp() / std::f64::consts::TAU.sqrt()
     };
@@ -180,6 +210,7 @@ mod tests {
         assert!(values.iter().all(|v| (0.0..=1.0).contains(v)));
         assert!(values.windows(2).all(|w| (w[0] - w[1]).abs() < 0.02));
         let along = Along::at(1.7, 1.0);
-        assert!((ring_noise(3, along, 0.25, 9) - ring_noise(3, along, 9.25, 9)).abs() < 1e-6);
+        let mut ring = LineNoise::ring(along, 9);
+        assert!((ring.at(3, 0.25) - ring.at(3, 9.25)).abs() < 1e-6);
     }
 }

@@ -10,7 +10,7 @@ use super::scene::Scene;
 use super::trace::{BACKGROUND, RAYS_PER_PX, ROPE_CORE, STRAND_CORES, Trace, fast_angle, wrap};
 
 /// Gray level of a well lit surface of albedo 1 at exposure 1.
-const WHITE: f32 = 330.0;
+const WHITE: f32 = 215.0;
 /// Gray level of the inside of the rope.
 const INSIDE: f32 = 9.0;
 
@@ -84,39 +84,48 @@ impl<'a> LinePainter<'a> {
         self.shadows.prepare(rope, &self.cut);
         self.wire_light.clear();
         self.wire_light.resize(self.cut.wires.len(), None);
-        let finish = scene.finish.at_line(self.cut.x_mm);
+        let mut finish = scene.finish.at_line(self.cut.x_mm);
         let recipe = scene.recipe();
         let level = WHITE * (recipe.exposure * scene.light[self.view].value(line as f64 * recipe.line_pitch_mm)) as f32;
         let rope_radius_mm = rope.diameter_mm() / 2.0;
         let (low, high) = self.trace.outline;
         let column = |ray: f64| (ray + 0.5) / RAYS_PER_PX as f64 - 0.5;
         let (low_px, high_px) = (column(low), column(high));
-        for s in 0..self.gray.len() {
-            self.gray[s] = match self.trace.id[s] {
-                BACKGROUND => self.backdrop.gray(column(s as f64), low_px, high_px),
-                ROPE_CORE => INSIDE,
-                _ => {
-                    let Some(hit) = self.hit(s) else { continue };
-                    let mut coat = finish.coat(&hit.place);
-                    for (_, defect) in &here {
-                        defect.put_on(&mut coat, &hit.place, rope_radius_mm);
+        for pixel in 0..self.gray.len() / RAYS_PER_PX {
+            let rays = pixel * RAYS_PER_PX..(pixel + 1) * RAYS_PER_PX;
+            // rays of one pixel that meet the same wire are lit as one: only edges need more
+            let alike = self.trace.id[rays.clone()].windows(2).all(|pair| pair[0] == pair[1]);
+            let step = if alike { RAYS_PER_PX } else { 1 };
+            for first in rays.step_by(step) {
+                let gray = match self.trace.id[first] {
+                    BACKGROUND => self.backdrop.gray(column(first as f64 + 0.5 * (step as f64 - 1.0)), low_px, high_px),
+                    ROPE_CORE => INSIDE,
+                    _ => {
+                        let Some(hit) = self.hit(first..first + step) else { continue };
+                        let mut coat = finish.coat(&hit.place);
+                        for (_, defect) in &here {
+                            defect.put_on(&mut coat, &hit.place, rope_radius_mm);
+                        }
+                        self.light_of(first, &hit, &coat) * level + 3.0
                     }
-                    self.light_of(s, &hit, &coat) * level + 3.0
-                }
-            };
+                };
+                self.gray[first..first + step].fill(gray);
+            }
         }
         self.soften(low, -1, low_px, high_px);
         self.soften(high, 1, low_px, high_px);
     }
 
-    /// The part of the rope that a ray met; `None` for background and the inside.
-    fn hit(&self, s: usize) -> Option<Hit> {
-        let id = self.trace.id[s];
+    /// The part of the rope that rays of the same id met, in their middle; `None` for background and the inside.
+    fn hit(&self, rays: std::ops::Range<usize>) -> Option<Hit> {
+        let id = self.trace.id[rays.start];
         if id == BACKGROUND || id == ROPE_CORE {
             return None;
         }
         let rope = self.scene.rope();
-        let (slope, depth) = (self.trace.slope[s], self.trace.depth[s]);
+        let last = rays.end - 1;
+        let slope = 0.5 * (self.trace.slope[rays.start] + self.trace.slope[last]);
+        let depth = 0.5 * (self.trace.depth[rays.start] + self.trace.depth[last]);
         let point = [slope * depth, depth - self.scene.camera().distance_mm as f32];
         let (centre, phase_rad, strand, wire) = if id >= STRAND_CORES {
             let j = usize::from(id - STRAND_CORES);
@@ -127,16 +136,16 @@ impl<'a> LinePainter<'a> {
             ((wire.y, wire.z), wire.phase_rad, wire.strand, Some(wire.wire))
         };
         let away = [point[0] - centre.0 as f32, point[1] - centre.1 as f32];
-        let length = (away[0] * away[0] + away[1] * away[1]).sqrt();
-        let normal = away.map(|a| a / length);
-        let psi_rad = wrap_f32(fast_angle(normal[0], -normal[1]) - wrap(phase_rad) as f32);
+        let length = length_of(away);
+        let per_mm = 1.0 / length;
+        let normal = away.map(|a| a * per_mm);
+        let psi_rad = wrap_f32(fast_angle(normal[0], -normal[1]) - phase_rad as f32);
         let strand_cut = self.cut.strands[strand];
-        let from_strand = (point[0] - strand_cut.y as f32).hypot(point[1] - strand_cut.z as f32);
+        let from_strand = length_of([point[0] - strand_cut.y as f32, point[1] - strand_cut.z as f32]);
         let from_axis = [point[0] - self.cut.axis.0 as f32, point[1] - self.cut.axis.1 as f32];
         let in_strand = from_strand / rope.strand_radius_mm() as f32;
-        let radius =
-            (from_axis[0] * from_axis[0] + from_axis[1] * from_axis[1]).sqrt() / (rope.diameter_mm() / 2.0) as f32;
-        let wire_gap = ((1.0 - in_strand) * 3.0).clamp(0.0, 1.0);
+        let radius = length_of(from_axis) / (rope.diameter_mm() / 2.0) as f32;
+        let wire_gap = ((1.0 - in_strand) * 3.6).clamp(0.0, 1.0);
         let strand_gap = ((1.0 - radius) * 2.2).clamp(0.0, 1.0);
         let angle = fast_angle(from_axis[0], -from_axis[1]) + wrap(self.scene.view_angle_rad(self.view)) as f32;
         let place = Place {
@@ -159,7 +168,7 @@ impl<'a> LinePainter<'a> {
         let mut normal = hit.normal;
         if coat.flat > 0.0 {
             let outward = [hit.point[0] - self.cut.axis.0 as f32, hit.point[1] - self.cut.axis.1 as f32];
-            let length = outward[0].hypot(outward[1]).max(1e-6);
+            let length = length_of(outward).max(1e-6);
             for k in 0..2 {
                 normal[k] += coat.flat * (outward[k] / length - normal[k]);
             }
@@ -175,7 +184,7 @@ impl<'a> LinePainter<'a> {
                 // wires of the inner layer: dark, greasy, seen through a gap
                 let light = self.lamps.on_wire(0.0, 0.0);
                 let inner = 0.6 + 0.4 * (hit.place.psi_rad * 6.0 + (hit.place.x_mm * 0.11) as f32).sin();
-                0.30 * inner * self.lamps.shade(&light, normal, coat, 0.6, lit)
+                0.42 * inner * self.lamps.shade(&light, normal, coat, 0.6, lit)
             }
         }
     }
@@ -207,7 +216,7 @@ impl<'a> LinePainter<'a> {
             if ghost < self.trace.depth[s] {
                 saw(column, usize::from(index));
             }
-            let Some(hit) = self.hit(s) else { continue };
+            let Some(hit) = self.hit(s..s + 1) else { continue };
             if let Some(wire) = self.cut.wires.get(usize::from(self.trace.id[s]))
                 && let Some((index, moved_mm)) = wire.moved
                 && moved_mm > 0.2 * self.scene.rope().wire_radius_mm()
@@ -224,7 +233,18 @@ impl<'a> LinePainter<'a> {
     }
 }
 
+fn length_of(v: [f32; 2]) -> f32 {
+    (v[0] * v[0] + v[1] * v[1]).sqrt()
+}
+
+/// Wraps an angle within two turns to -pi..pi.
 fn wrap_f32(angle_rad: f32) -> f32 {
-    let turns = angle_rad * (1.0 / std::f32::consts::TAU);
-    (turns - turns.round()) * std::f32::consts::TAU
+    use std::f32::consts::{PI, TAU};
+    if angle_rad > PI {
+        angle_rad - TAU
+    } else if angle_rad < -PI {
+        angle_rad + TAU
+    } else {
+        angle_rad
+    }
 }

@@ -56,9 +56,14 @@ impl SensorPattern {
         for (column, pixel) in row.iter_mut().enumerate() {
             let first = (column * RAYS_PER_PX + RAYS_PER_PX / 2) as isize - GATHER as isize;
             let mut light = 0.0;
-            for (k, weight) in self.weights.iter().enumerate() {
-                let ray = (first + k as isize).clamp(0, rays.len() as isize - 1);
-                light += weight * rays[ray as usize];
+            if first >= 0 && first as usize + 2 * GATHER <= rays.len() {
+                let near: &[f32] = &rays[first as usize..first as usize + 2 * GATHER];
+                light += self.weights.iter().zip(near).map(|(w, r)| w * r).sum::<f32>();
+            } else {
+                for (k, weight) in self.weights.iter().enumerate() {
+                    let ray = (first + k as isize).clamp(0, rays.len() as isize - 1);
+                    light += weight * rays[ray as usize];
+                }
             }
             let gray = light * self.gain[column] + self.offset[column];
             let sd = self.noise * (1.0 + gray.max(0.0) / SHOT_GRAY).sqrt();

@@ -22,6 +22,8 @@ pub const STRAND_CORES: SurfaceId = 1024;
 pub struct Trace {
     /// Slope y/(z+d) of every ray.
     pub slope: Vec<f32>,
+    /// 1 / (1 + slope^2) of every ray.
+    lean: Vec<f32>,
     /// What it meets.
     pub id: Vec<SurfaceId>,
     /// Where: depth z + d in mm.
@@ -56,8 +58,10 @@ impl Trace {
     /// Rays for a sensor.
     pub fn new(camera: &Camera, sensor_px: u32) -> Self {
         let rays = sensor_px as usize * RAYS_PER_PX;
-        let slope = (0..rays).map(|s| ((column_of(s as f64) - camera.axis_px) / camera.focal_px) as f32).collect();
+        let slope: Vec<f32> =
+            (0..rays).map(|s| ((column_of(s as f64) - camera.axis_px) / camera.focal_px) as f32).collect();
         Self {
+            lean: slope.iter().map(|s| 1.0 / (1.0 + s * s)).collect(),
             slope,
             id: vec![BACKGROUND; rays],
             depth: vec![f32::INFINITY; rays],
@@ -122,11 +126,14 @@ impl Trace {
         let w = (centre.1 + camera.distance_mm) as f32;
         let y = centre.0 as f32;
         let r = radius_mm as f32;
-        for s in rays_within(low, high, self.id.len()) {
-            let depth = first_meeting(self.slope[s], y, w, r);
-            if depth < self.depth[s] {
-                (self.depth[s], self.id[s]) = (depth, id);
-            }
+        let rays = rays_within(low, high, self.id.len());
+        let ends = self.depth[rays.clone()].iter_mut().zip(&mut self.id[rays.clone()]);
+        let directions = self.slope[rays.clone()].iter().zip(&self.lean[rays]);
+        for ((nearest, nearest_id), (&slope, &lean)) in ends.zip(directions) {
+            let depth = first_meeting(slope, lean, y, w, r);
+            let nearer = depth < *nearest;
+            *nearest = if nearer { depth } else { *nearest };
+            *nearest_id = if nearer { id } else { *nearest_id };
         }
         (low, high)
     }
@@ -147,7 +154,7 @@ impl Trace {
         let (y, depth, r) = (wire.y as f32, (wire.z + camera.distance_mm) as f32, rope.wire_radius_mm() as f32);
         let mut any = false;
         for s in rays_within(low, high, self.id.len()) {
-            let met = first_meeting(self.slope[s], y, depth, r);
+            let met = first_meeting(self.slope[s], self.lean[s], y, depth, r);
             let (ny, nz) = ((self.slope[s] * met - y) / r, (met - depth) / r);
             let psi = wrap(f64::from(fast_angle(ny, -nz)) - wire.phase_rad);
             if defect.gap_at(cut.x_mm, psi) {
@@ -167,12 +174,11 @@ impl Trace {
 
 /// Depth z + d at which the ray first meets a circle (its nearest approach for rays that just miss).
 #[inline]
-fn first_meeting(slope: f32, y: f32, w: f32, r: f32) -> f32 {
-    // distance along the ray's normal is well conditioned, unlike the textbook discriminant in f32
-    let a = 1.0 + slope * slope;
+fn first_meeting(slope: f32, lean: f32, y: f32, w: f32, r: f32) -> f32 {
+    // the distance of the centre from the ray is well conditioned, unlike the textbook discriminant in f32
     let off = y - slope * w;
-    let along = w + slope * off / a;
-    along - ((r * r - off * off / a).max(0.0) / a).sqrt()
+    let behind = (r * r - off * off * lean).max(0.0);
+    w + slope * off * lean - (behind * lean).sqrt()
 }
 
 /// Angle wrapped to -pi..pi.
@@ -205,14 +211,14 @@ mod tests {
     #[test]
     fn the_fast_angle_is_an_angle() {
         for k in 0..1000 {
-            let angle = -3.14 + 6.28 * k as f32 / 1000.0;
+            let angle = 0.999 * std::f32::consts::PI * (k as f32 / 500.0 - 1.0);
             assert!((fast_angle(angle.sin(), angle.cos()) - angle).abs() < 1e-3, "{angle}");
         }
     }
 
     #[test]
     fn a_ray_meets_the_near_side_of_a_circle() {
-        let depth = first_meeting(0.1, 20.0, 200.0, 3.0); // through its centre: 3 mm before, along the ray
+        let depth = first_meeting(0.1, 1.0 / 1.01, 20.0, 200.0, 3.0); // through its centre: 3 mm before, along the ray
         assert!((depth - (200.0 - 3.0 / 1.01_f32.sqrt())).abs() < 1e-3, "{depth}");
     }
 

@@ -1,13 +1,12 @@
 """Puts one of everything into a service, so that the fuzzer also meets resources that exist."""
 
 
-def seed(service):
-    """Ids by name. Raises when the service refuses; returns what there is when a job fails, with the job under `failed`."""
-    ids = {}
+def seed(service, ids):
+    """Fills `ids` by name. Raises when the service refuses or a job fails; what was made until then stays in `ids`."""
     folder = service.simulate("rope", "--metres", "1.6", "--views", "1", "--defects", "2", "--defect-free-m", "1.0", "--seed", "3")
     names = ("--ropeway", "North", "--rope", "track rope 1")
     done = service.upload(folder, *names)
-    ids |= {k: done[f"{k}_id"] for k in ("ropeway", "rope", "acquisition")}
+    ids.update({k: done[f"{k}_id"] for k in ("ropeway", "rope", "acquisition")})
     service.want("PATCH", f"/ropes/{ids['rope']}/ticketing", {"ticket_level": 1e9})
     half = {"rope_id": ids["rope"], "line_pitch_mm": 0.1, "sensor_px": 480, "views": [{"angle_deg": 0, "frames": 3}]}
     ids["open_acquisition"] = service.want("POST", "/acquisitions", half)["id"]
@@ -18,11 +17,11 @@ def seed(service):
     train = service.job({"kind": "train", "acquisition_id": ids["acquisition"], "to_m": 1.0})
     ids["job"] = train["id"]
     if train["state"] != "succeeded":
-        return ids | {"failed": train}
+        raise RuntimeError(f"training ended as {train}")
     ids["model"] = train["result"]["model_id"]
     inspect = service.job({"kind": "inspect", "acquisition_id": ids["acquisition"], "model_id": ids["model"]})
     if inspect["state"] != "succeeded":
-        return ids | {"failed": inspect}
+        raise RuntimeError(f"inspecting ended as {inspect}")
     ids["inspection"] = inspect["result"]["inspection_id"]
     defects = service.want("GET", f"/inspections/{ids['inspection']}/defects")["items"]
     if len(defects) > 1:
@@ -31,7 +30,6 @@ def seed(service):
         ids["delivery"] = service.want("GET", "/deliveries")["items"][0]["id"]
     if defects:
         ids["spare_defect"] = defects[-1]["defect_id"]
-    return ids
 
 
 def pins(ids):

@@ -1,0 +1,110 @@
+//! What was decided: which defects were found, what was reported without cause, and how much rope a person must look at again.
+
+use super::labels::{MARGIN_LINES, Sighting};
+use super::table::EvaluateError;
+use super::truth::read_json;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Rope that a person looks at round each alarm, in mm. [Wacker13, sec. 6.4]
+pub const CONTEXT_MM: f64 = 50.0;
+
+/// The figures of `defects.json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Decisions {
+    /// Defects reported.
+    pub reported: usize,
+    /// Defects with a clear label.
+    pub clear_defects: usize,
+    /// Those of them that some alarm touches.
+    pub found: usize,
+    /// Reported defects that touch no label.
+    pub false_defects: usize,
+    /// Metres of rope.
+    pub metres: f64,
+    /// False defects per 100 m.
+    pub false_per_100m: f64,
+    /// Metres of rope within the context of an alarm.
+    pub metres_to_reinspect: f64,
+}
+
+#[derive(Deserialize)]
+struct ReportedDefect {
+    alarms: Vec<ReportedAlarm>,
+}
+
+#[derive(Deserialize)]
+struct ReportedAlarm {
+    view: usize,
+    first_line: usize,
+    last_line: usize,
+}
+
+/// Scores `RESULTS/defects.json`; `None` without the file.
+pub fn score(
+    results: &Path,
+    sightings: &[Sighting],
+    lines: usize,
+    line_pitch_mm: f64,
+    skip: usize,
+) -> Result<Option<Decisions>, EvaluateError> {
+    let path = results.join("defects.json");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let reported: Vec<ReportedDefect> = read_json(&path)?;
+    let clear: BTreeSet<usize> =
+        sightings.iter().filter(|s| s.clear && s.first_line >= skip).map(|s| s.defect).collect();
+    let mut touched = BTreeSet::new();
+    let mut false_defects = 0;
+    let mut covered = Vec::new();
+    let context = (CONTEXT_MM / 2.0 / line_pitch_mm) as usize;
+    for defect in &reported {
+        let mut hit = false;
+        for alarm in &defect.alarms {
+            for sighting in sightings.iter().filter(|s| s.view == alarm.view) {
+                let reaches = alarm.first_line <= sighting.last_line + MARGIN_LINES
+                    && alarm.last_line + MARGIN_LINES >= sighting.first_line;
+                if reaches {
+                    hit = true;
+                    touched.insert(sighting.defect);
+                }
+            }
+            let from = alarm.first_line.saturating_sub(context);
+            covered.push((from.min(lines), (alarm.last_line + context).min(lines)));
+        }
+        false_defects += usize::from(!hit);
+    }
+    Ok(Some(Decisions {
+        reported: reported.len(),
+        clear_defects: clear.len(),
+        found: touched.intersection(&clear).count(),
+        false_defects,
+        metres: lines as f64 * line_pitch_mm / 1000.0,
+        false_per_100m: false_defects as f64 / (lines as f64 * line_pitch_mm / 1e5),
+        metres_to_reinspect: union_length(covered) as f64 * line_pitch_mm / 1000.0,
+    }))
+}
+
+/// Lines in the union of half-open intervals.
+fn union_length(mut intervals: Vec<(usize, usize)>) -> usize {
+    intervals.sort_unstable();
+    let (mut length, mut end) = (0, 0);
+    for (from, to) in intervals {
+        length += to.saturating_sub(from.max(end));
+        end = end.max(to);
+    }
+    length
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overlapping_contexts_count_once() {
+        assert_eq!(union_length(vec![(10, 20), (0, 5), (15, 30), (16, 18)]), 25);
+        assert_eq!(union_length(Vec::new()), 0);
+    }
+}

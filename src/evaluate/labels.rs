@@ -1,0 +1,139 @@
+//! An expert's labels turned into lines: which count as defect, which as intact, which neither way.
+
+use super::table::EvaluateError;
+use super::truth::read_json;
+use serde::Deserialize;
+use std::path::Path;
+
+/// Lines round a defect that count neither way.
+pub const MARGIN_LINES: usize = 20;
+
+/// One label of `labels.json`.
+#[derive(Debug, Clone, Deserialize)]
+struct LabelFile {
+    defect: Option<usize>,
+    kind: String,
+    severity: Option<f64>,
+    view: usize,
+    first_line: usize,
+    last_line: usize,
+    clear: Option<bool>,
+}
+
+/// A defect as seen in one view: all of its runs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sighting {
+    /// The defect.
+    pub defect: usize,
+    /// Its kind.
+    pub kind: String,
+    /// Its severity, 1 if not stated.
+    pub severity: f64,
+    /// The view.
+    pub view: usize,
+    /// First line of its first run.
+    pub first_line: usize,
+    /// Last line of its last run.
+    pub last_line: usize,
+    /// Whether every inspector would mark it (any of its runs).
+    pub clear: bool,
+    /// Lines of its runs, ascending.
+    pub lines: Vec<usize>,
+}
+
+/// How a line counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LineClass {
+    /// Intact.
+    #[default]
+    Negative,
+    /// A clear label.
+    Positive,
+    /// Neither: near a defect, between its runs, an unclear label, or training part.
+    Ignored,
+}
+
+/// Reads `DIR/labels.json` as sightings in order of first mention. A label without `defect` is a defect of its own.
+pub fn read_sightings(folder: &Path, lines: usize, views: usize) -> Result<Vec<Sighting>, EvaluateError> {
+    let path = folder.join("labels.json");
+    let labels: Vec<LabelFile> = read_json(&path)?;
+    let unnamed = labels.iter().filter_map(|l| l.defect).max().map_or(0, |d| d + 1);
+    let mut sightings: Vec<Sighting> = Vec::new();
+    for (n, label) in labels.into_iter().enumerate() {
+        if label.view >= views || label.first_line > label.last_line {
+            let reason = format!(
+                "label {n} has view {} and lines {} to {}, but there are {views} views and lines must not run backwards",
+                label.view, label.first_line, label.last_line
+            );
+            return Err(EvaluateError::Json { path, reason });
+        }
+        let defect = label.defect.unwrap_or(unnamed + n);
+        let last_line = label.last_line.min(lines.saturating_sub(1));
+        let at = sightings.iter().position(|s| (s.defect, s.view) == (defect, label.view));
+        let sighting = match at {
+            Some(at) => &mut sightings[at],
+            None => {
+                sightings.push(Sighting {
+                    defect,
+                    kind: label.kind,
+                    severity: label.severity.unwrap_or(1.0),
+                    view: label.view,
+                    first_line: label.first_line,
+                    last_line,
+                    clear: false,
+                    lines: Vec::new(),
+                });
+                sightings.last_mut().unwrap_or_else(|| unreachable!("just pushed"))
+            }
+        };
+        sighting.first_line = sighting.first_line.min(label.first_line);
+        sighting.last_line = sighting.last_line.max(last_line);
+        sighting.clear |= label.clear.unwrap_or(true);
+        sighting.lines.extend(label.first_line..last_line + 1);
+    }
+    for sighting in &mut sightings {
+        sighting.lines.sort_unstable();
+        sighting.lines.dedup();
+    }
+    Ok(sightings)
+}
+
+/// Class of every line of every view. Lines before `skip` are ignored.
+pub fn classify(sightings: &[Sighting], lines: usize, views: usize, skip: usize) -> Vec<Vec<LineClass>> {
+    let mut classes = vec![vec![LineClass::Negative; lines]; views];
+    for sighting in sightings {
+        let from = sighting.first_line.saturating_sub(MARGIN_LINES).min(lines);
+        let to = (sighting.last_line + 1 + MARGIN_LINES).min(lines);
+        classes[sighting.view][from..to].fill(LineClass::Ignored);
+    }
+    for sighting in sightings.iter().filter(|s| s.clear) {
+        for &line in &sighting.lines {
+            classes[sighting.view][line] = LineClass::Positive;
+        }
+    }
+    for view in &mut classes {
+        view[..skip.min(lines)].fill(LineClass::Ignored);
+    }
+    classes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_of_one_defect_are_one_sighting_and_the_gap_counts_neither_way() {
+        let folder = tempfile::tempdir().unwrap();
+        let labels = r#"[{"defect":4,"kind":"notch","view":0,"first_line":100,"last_line":109,"clear":false},
+                         {"defect":4,"kind":"notch","view":0,"first_line":150,"last_line":999,"clear":true}]"#;
+        std::fs::write(folder.path().join("labels.json"), labels).unwrap();
+        let sightings = read_sightings(folder.path(), 160, 1).unwrap();
+        assert_eq!(sightings.len(), 1);
+        assert_eq!((sightings[0].lines.len(), sightings[0].last_line, sightings[0].clear), (20, 159, true));
+        let classes = classify(&sightings, 160, 1, 105);
+        assert_eq!(classes[0][104], LineClass::Ignored); // training part
+        assert_eq!(classes[0][106], LineClass::Positive);
+        assert_eq!(classes[0][130], LineClass::Ignored); // gap
+        assert_eq!(classify(&sightings, 160, 1, 0)[0][79], LineClass::Negative);
+    }
+}

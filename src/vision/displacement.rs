@@ -1,0 +1,111 @@
+//! Lateral correction of every line, so that real and model contours agree best. [Wacker13, sec. 3.3.1 (2)-(3), eq. 9-12]
+
+use super::contour::Contours;
+
+/// Column of the rope axis in one line: where the model contours must stand to fit the real ones best.
+///
+/// Eq. 9 is a least-squares problem for the correction y of the real contour, eq. 10 its solution
+/// y = (mc^u - rc^u + mc^l - rc^l)/2; the axis stands at -y, which is what this returns.
+pub fn axis_px(lower_px: f64, upper_px: f64, model_lower_px: f64, model_upper_px: f64) -> f64 {
+    0.5 * (upper_px - model_upper_px + lower_px - model_lower_px)
+}
+
+/// Column of the axis at every line, robustly smoothed over `smooth_lines` lines; NaN only if no line shows the rope.
+///
+/// The paper corrects every line by its own contours; a single wire end then shifts its whole line. Ropes do not jump: over
+/// less than a strand's pitch their sideways movement is smooth, so the correction is averaged with outliers left out.
+/// `model(line)` gives the model contours (lower, upper) at a line, counted from the axis.
+pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), smooth_lines: usize) -> Vec<f32> {
+    let n = contours.len();
+    let mut raw = vec![f32::NAN; n];
+    for (line, axis) in raw.iter_mut().enumerate() {
+        let (lower, upper) = model(line);
+        *axis = axis_px(f64::from(contours.lower_px[line]), f64::from(contours.upper_px[line]), lower, upper) as f32;
+    }
+    // Reject what is far from the local median, then average twice with a box (a triangle in all).
+    let half = (smooth_lines / 2).max(1);
+    let mut kept = raw.clone();
+    let mut window: Vec<f32> = Vec::with_capacity(2 * half + 1);
+    let stride = (half / 4).max(1);
+    for start in (0..n).step_by(stride) {
+        window.clear();
+        window.extend(raw[start.saturating_sub(half)..(start + half).min(n)].iter().copied().filter(|a| a.is_finite()));
+        if window.is_empty() {
+            continue;
+        }
+        let middle = window.len() / 2;
+        let median = *window.select_nth_unstable_by(middle, f32::total_cmp).1;
+        for deviation in &mut window {
+            *deviation = (*deviation - median).abs();
+        }
+        let spread = *window.select_nth_unstable_by(middle, f32::total_cmp).1;
+        for axis in &mut kept[start..(start + stride).min(n)] {
+            if (*axis - median).abs() > 4.0 * spread.max(0.5) {
+                *axis = f32::NAN;
+            }
+        }
+    }
+    let once = box_mean(&kept, half);
+    let mut course = box_mean(&once, half);
+    fill_gaps(&mut course);
+    course
+}
+
+/// Mean over `half` lines to either side, skipping NaN. At the ends the window shrinks symmetrically, so that ramps stay.
+fn box_mean(values: &[f32], half: usize) -> Vec<f32> {
+    let n = values.len();
+    let mut sums = vec![(0.0f64, 0u32); n + 1];
+    for (k, &v) in values.iter().enumerate() {
+        let (sum, count) = sums[k];
+        sums[k + 1] = if v.is_finite() { (sum + f64::from(v), count + 1) } else { (sum, count) };
+    }
+    (0..n)
+        .map(|k| {
+            let reach = half.min(k).min(n - 1 - k);
+            let (high, low) = (sums[k + reach + 1], sums[k - reach]);
+            let count = high.1 - low.1;
+            if count == 0 { f32::NAN } else { ((high.0 - low.0) / f64::from(count)) as f32 }
+        })
+        .collect()
+}
+
+fn fill_gaps(values: &mut [f32]) {
+    let known: Vec<usize> = (0..values.len()).filter(|&k| values[k].is_finite()).collect();
+    let (Some(&first), Some(&last)) = (known.first(), known.last()) else { return };
+    let (head, tail) = (values[first], values[last]);
+    values[..first].fill(head);
+    values[last + 1..].fill(tail);
+    for pair in known.windows(2) {
+        let (a, b) = (pair[0], pair[1]);
+        for k in a + 1..b {
+            let share = (k - a) as f32 / (b - a) as f32;
+            values[k] = values[a] + share * (values[b] - values[a]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_axis_stands_where_both_contours_agree_best() {
+        assert_eq!(axis_px(60.0, 420.0, -180.0, 180.0), 240.0);
+        assert_eq!(axis_px(61.0, 420.0, -180.0, 180.0), 240.5);
+    }
+
+    #[test]
+    fn a_wire_end_sticking_out_and_lost_lines_do_not_move_the_axis() {
+        let n = 600;
+        let mut contours = Contours {
+            lower_px: (0..n).map(|k| 60.0 + 0.01 * k as f32).collect(),
+            upper_px: (0..n).map(|k| 420.0 + 0.01 * k as f32).collect(),
+        };
+        contours.upper_px[300..320].fill(450.0);
+        contours.lower_px[100..130].fill(f32::NAN);
+        let course = axis_course_px(&contours, |_| (-180.0, 180.0), 120);
+        for (k, axis) in course.iter().enumerate() {
+            assert!((axis - (240.0 + 0.01 * k as f32)).abs() < 0.1, "line {k}: {axis}");
+        }
+    }
+}

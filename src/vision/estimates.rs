@@ -1,0 +1,243 @@
+//! Lay lengths, phases and diameter of a stretch, each with its uncertainty, or the reason why there is none.
+
+use super::aligner::{AlignerSpec, Measured, Views, strand_courses, wire_courses};
+use super::smoothing::Course;
+use super::wire_tracking::coherence;
+use std::f64::consts::TAU;
+
+/// Why a stretch could not be aligned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum NotAligned {
+    /// No view has lines here.
+    LinesLost,
+    /// No view shows the two edges of a rope.
+    NoRope,
+    /// Edges were found, but they are not those of this rope.
+    ContoursDisagree {
+        /// Agreement with the model's contours (eq. 13); 1 is perfect.
+        score: f64,
+    },
+}
+
+impl std::fmt::Display for NotAligned {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::LinesLost => write!(f, "no view has lines here"),
+            Self::NoRope => write!(f, "no view shows the two edges of a rope"),
+            Self::ContoursDisagree { score } => write!(
+                f,
+                "the contours agree only {score:.2} with those of this rope, at least {:.2} is needed",
+                super::aligner::LEAST_SCORE
+            ),
+        }
+    }
+}
+
+/// A lay length with its uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LayEstimate {
+    /// Lay length in mm, signed.
+    pub lay_mm: f64,
+    /// Its standard deviation in mm.
+    pub lay_sd_mm: f64,
+    /// Phase at the middle line in rad, rope axes.
+    pub phase_rad: f64,
+    /// Agreement of image and model in [0, 1].
+    pub score: f64,
+}
+
+/// What one view, or all together, say of a stretch.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct StretchEstimate {
+    /// The strands: phase is that of strand 0.
+    pub strand: Option<LayEstimate>,
+    /// The wires of each strand: phase is that of wire 0.
+    pub wires: Vec<Option<LayEstimate>>,
+}
+
+/// Everything estimated of a stretch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimates {
+    /// All views together.
+    pub fused: StretchEstimate,
+    /// Each view alone.
+    pub views: Vec<StretchEstimate>,
+    /// Lines per knot of the courses below.
+    pub knot_lines: usize,
+    /// `strand_phases_rad[knot * strands + j]`: smoothed, in rope axes.
+    pub strand_phases_rad: Vec<f64>,
+    /// `wire_phases_rad[knot * strands + j]` of wire 0; NaN where the wires of a strand are not known.
+    pub wire_phases_rad: Vec<f64>,
+    /// Spread of the strands' deviations from their regular places in rad: looseness.
+    pub strand_spread_rad: f64,
+    /// Rope diameter in mm, from the widest places of the contours; `None` if no view shows them.
+    pub diameter_mm: Option<f64>,
+}
+
+/// Estimates the stretch `at` of a window of measured stretches.
+pub(super) fn estimate(
+    spec: &AlignerSpec,
+    views: &Views,
+    window: &[&Measured],
+    at: usize,
+) -> Result<Estimates, NotAligned> {
+    let here = window[at];
+    let (Ok(fit), Some(reference)) = (here.fit, &here.reference) else { return Err(NotAligned::NoRope) };
+    // Only neighbours without a gap belong to the same course.
+    let from = window[..at].iter().rposition(|m| m.reference.is_none()).map_or(0, |k| k + 1);
+    let to = window[at + 1..].iter().position(|m| m.reference.is_none()).map_or(window.len(), |k| at + 1 + k);
+    let first_knot: usize = window[from..at].iter().map(|m| m.knots(spec)).sum();
+    let window = &window[from..to];
+    let n = spec.rope.strands();
+    let knots = first_knot..first_knot + here.knots(spec);
+    let fused_strands = strand_courses(spec, window, None, fit.rate_rad_per_mm);
+    let rates: Vec<Option<f64>> = (0..n).map(|j| measured_rate(spec, here, j)).collect();
+    let fused_wires = wire_courses(spec, window, None, |j| rates[j]);
+    let step = spec.rope.strand_step_rad();
+    let mut strand_phases_rad = Vec::with_capacity(knots.len() * n);
+    let mut wire_phases_rad = Vec::with_capacity(knots.len() * n);
+    for (k, knot) in knots.clone().enumerate() {
+        for j in 0..n {
+            let straight = reference.mean_phase_rad(reference.knot_middle(k)) + j as f64 * step;
+            strand_phases_rad.push(fused_strands[j].as_ref().map_or(straight, |c| c.phase_rad(knot)));
+            wire_phases_rad.push(fused_wires[j].as_ref().map_or(f64::NAN, |c| c.phase_rad(knot)));
+        }
+    }
+    let grid = here.grid(spec);
+    let middle_mm = (here.first_line as f64 + (here.lines as f64 - 1.0) / 2.0) * spec.pitch_mm;
+    let of = |strands: &[Option<Course>], wires: &[Option<Course>], view: Option<usize>| StretchEstimate {
+        strand: strand_estimate(strands, &knots, step, grid.knot_mm(0), middle_mm, spec, fit.score),
+        wires: (0..n)
+            .map(|j| {
+                let course = wires[j].as_ref()?;
+                let seen: Vec<_> = here
+                    .stripes
+                    .iter()
+                    .zip(&views.shifts)
+                    .enumerate()
+                    .filter(|(v, _)| view.is_none_or(|only| only == *v))
+                    .map(|(_, s)| s)
+                    .collect();
+                let phase_at = |mm: f64| interpolate(course, &knots, grid.knot_mm(0), mm, spec);
+                let score = coherence(&spec.rope, &seen, j, grid, phase_at);
+                lay_estimate(course, &knots, phase_at(middle_mm), score)
+            })
+            .collect(),
+    };
+    let fused = of(&fused_strands, &fused_wires, None);
+    let per_view = (0..here.views.len())
+        .map(|v| {
+            if here.strands.views.get(v).is_none_or(|knots| knots.iter().all(|m| m.information <= 0.0)) {
+                return StretchEstimate { strand: None, wires: vec![None; n] };
+            }
+            let strands = strand_courses(spec, window, Some(v), fit.rate_rad_per_mm);
+            let wires = wire_courses(spec, window, Some(v), |j| rates[j]);
+            of(&strands, &wires, Some(v))
+        })
+        .collect();
+    let mut spread = 0.0;
+    for row in strand_phases_rad.chunks_exact(n) {
+        let mean = row.iter().enumerate().map(|(j, p)| p - j as f64 * step).sum::<f64>() / n as f64;
+        spread += row.iter().enumerate().map(|(j, p)| (p - j as f64 * step - mean).powi(2)).sum::<f64>() / n as f64;
+    }
+    let strand_spread_rad = (spread / knots.len().max(1) as f64).sqrt();
+    Ok(Estimates {
+        fused,
+        views: per_view,
+        knot_lines: spec.knot_lines,
+        strand_phases_rad,
+        wire_phases_rad,
+        strand_spread_rad,
+        diameter_mm: diameter_mm(views, here),
+    })
+}
+
+/// Rough wire rate of strand `j` in rad/mm from the measurements of a stretch themselves.
+pub(super) fn measured_rate(spec: &AlignerSpec, here: &Measured, j: usize) -> Option<f64> {
+    let spacing = spec.knot_lines as f64 * spec.pitch_mm;
+    let (mut w, mut x, mut y, mut xx, mut xy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for view in &here.wires {
+        for (k, m) in view[j].iter().enumerate().filter(|(_, m)| m.information > 0.0) {
+            let at = k as f64 * spacing;
+            w += m.information;
+            x += m.information * at;
+            y += m.information * m.value_rad;
+            xx += m.information * at * at;
+            xy += m.information * at * m.value_rad;
+        }
+    }
+    let determinant = w * xx - x * x;
+    (determinant > 0.0).then(|| (w * xy - x * y) / determinant)
+}
+
+fn interpolate(course: &Course, knots: &std::ops::Range<usize>, first_mm: f64, mm: f64, spec: &AlignerSpec) -> f64 {
+    let at = (mm - first_mm) / (spec.knot_lines as f64 * spec.pitch_mm);
+    let knot = (at.round().max(0.0) as usize).min(knots.len() - 1);
+    let off_mm = (at - knot as f64) * spec.knot_lines as f64 * spec.pitch_mm;
+    course.phase_rad(knots.start + knot) + course.rate_rad_per_mm(knots.start + knot) * off_mm
+}
+
+fn lay_estimate(course: &Course, knots: &std::ops::Range<usize>, phase_rad: f64, score: f64) -> Option<LayEstimate> {
+    let slope = course.slope_rad_per_mm(knots.clone());
+    let lay_mm = TAU / slope;
+    let lay_sd_mm = lay_mm * lay_mm / TAU * course.slope_variance(knots.clone()).sqrt();
+    (lay_mm.is_finite() && lay_sd_mm < 0.05 * lay_mm.abs()).then_some(LayEstimate {
+        lay_mm,
+        lay_sd_mm,
+        phase_rad,
+        score,
+    })
+}
+
+/// Mean over the strands: the rope's phase and lay are those of its strands on average.
+fn strand_estimate(
+    strands: &[Option<Course>],
+    knots: &std::ops::Range<usize>,
+    step_rad: f64,
+    first_mm: f64,
+    middle_mm: f64,
+    spec: &AlignerSpec,
+    score: f64,
+) -> Option<LayEstimate> {
+    let known: Vec<(usize, &Course)> = strands.iter().enumerate().filter_map(|(j, c)| Some((j, c.as_ref()?))).collect();
+    if known.is_empty() {
+        return None;
+    }
+    let n = known.len() as f64;
+    let slope = known.iter().map(|(_, c)| c.slope_rad_per_mm(knots.clone())).sum::<f64>() / n;
+    let variance = known.iter().map(|(_, c)| c.slope_variance(knots.clone())).sum::<f64>() / (n * n);
+    let phase_rad =
+        known.iter().map(|(j, c)| interpolate(c, knots, first_mm, middle_mm, spec) - *j as f64 * step_rad).sum::<f64>()
+            / n;
+    let lay_mm = TAU / slope;
+    let lay_sd_mm = lay_mm * lay_mm / TAU * variance.sqrt();
+    (lay_mm.is_finite() && lay_sd_mm < 0.05 * lay_mm.abs()).then_some(LayEstimate {
+        lay_mm,
+        lay_sd_mm,
+        phase_rad,
+        score,
+    })
+}
+
+/// Mean diameter: measured against the model's outline, whose scale the whole acquisition set.
+fn diameter_mm(views: &Views, here: &Measured) -> Option<f64> {
+    let mut ratios = Vec::new();
+    for (model, view) in views.models.iter().zip(&here.views) {
+        let mut widths: Vec<f32> = view
+            .contours
+            .lower_px
+            .iter()
+            .zip(&view.contours.upper_px)
+            .map(|(l, u)| u - l)
+            .filter(|w| w.is_finite())
+            .collect();
+        if widths.len() >= 100 {
+            let n = widths.len();
+            let at = n / 2;
+            let median = f64::from(*widths.select_nth_unstable_by(at, f32::total_cmp).1);
+            ratios.push(median / model.contour.mean_width_px());
+        }
+    }
+    let scale = ratios.iter().sum::<f64>() / ratios.len() as f64;
+    (!ratios.is_empty()).then(|| scale * views.diameter_mm)
+}

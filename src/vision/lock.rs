@@ -1,0 +1,415 @@
+//! Finds a rope in a few gathered stretches: strands by their contours, then camera, template, each strand's course, wires.
+
+use super::aligner::{
+    AlignerSpec, Measured, Views, fit_from, learn_pattern, measure, measure_wires, predict_wires, renew_patterns,
+    strand_courses, wire_courses,
+};
+use super::camera::Camera;
+use super::camera_distance::{ContourHarmonics, DEFAULT_DISTANCE_DIAMETERS, estimate};
+use super::estimates::measured_rate;
+use super::model_contour::ModelContour;
+use super::smoothing::{Course, Measurement};
+use super::stretch::{Reference, ViewModel, fuse};
+use super::template::{Template, TemplateSums};
+use super::unwrapping::{FACETS, LINE_STRIDE, Stripe, StripeTable, search_rate, turned_sum};
+use super::wire_pattern::PatternSums;
+use super::wire_tracking::{ShiftSums, StripeShift, WirePrediction, searched_rates};
+use std::f64::consts::TAU;
+
+/// Rounds of registration and template learning; each sharpens the template for the next.
+const ROUNDS: usize = 2;
+/// Stretches over which the wires are searched: about two lays of the strands.
+const WIRE_SEARCH_STRETCHES: usize = 3;
+/// Share of coherent stripes below which no wires were found.
+pub(super) const LEAST_COHERENCE: f64 = 0.3;
+
+/// What a lock knows.
+#[derive(Debug)]
+pub(super) struct Lock {
+    pub views: Views,
+    pub wires: Vec<Option<WirePrediction>>,
+}
+
+/// Locks on the gathered stretches and measures them all. `None` if no stretch shows a rope; then every fit says why.
+pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Measured]) -> Option<Lock> {
+    let mut views = match known {
+        Some(views) => views,
+        None => first_views(spec, gathered),
+    };
+    let unknown = vec![None; spec.rope.strands()];
+    let mut spec_now = spec.clone();
+    fit_all(&spec_now, &views.models, gathered)?;
+    if views.models.iter().all(|m| m.template.is_none()) {
+        place_cameras(spec, &mut views, gathered);
+        fit_all(&spec_now, &views.models, gathered)?;
+        first_templates(spec, &mut views, gathered);
+        if spec.rope.design().strand_lay_mm.is_none() && wrong_hand(&views) {
+            // The strands slant the other way: mirror the search. Contours alone could not tell.
+            let lay = gathered.iter().find_map(|m| m.fit.ok()).map(|f| -TAU / f.rate_rad_per_mm)?;
+            spec_now = spec.with_strand_lay(lay)?;
+            fit_all(&spec_now, &views.models, gathered)?;
+            first_templates(spec, &mut views, gathered);
+        }
+        for _ in 0..ROUNDS {
+            measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+            first_templates(spec, &mut views, gathered);
+        }
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        lock_wires(spec, &mut views, gathered);
+        // With the wires known, their pattern is learnt and taken out, and everything is measured again.
+        for _ in 0..ROUNDS {
+            let predictions = learn_patterns(spec, &mut views, gathered);
+            measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+            calibrate_strands(spec, &mut views, gathered);
+        }
+        let predictions = learn_patterns(spec, &mut views, gathered);
+        measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+    } else {
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+    }
+    let wires = lock_wires(spec, &mut views, gathered);
+    Some(Lock { views, wires })
+}
+
+/// Cameras at the usual distance, scaled to the width that the contours show.
+fn first_views(spec: &AlignerSpec, gathered: &[Measured]) -> Views {
+    let distance_mm = DEFAULT_DISTANCE_DIAMETERS * spec.rope.diameter_mm();
+    let models = spec
+        .view_angles_rad
+        .iter()
+        .enumerate()
+        .map(|(v, &angle_rad)| view_model(spec, gathered, v, angle_rad, distance_mm))
+        .collect::<Vec<_>>();
+    Views {
+        sums: models.iter().map(|_| TemplateSums::new(spec.width_px)).collect(),
+        pattern_sums: models.iter().map(|_| PatternSums::new(spec.width_px)).collect(),
+        shifts: models.iter().map(|_| StripeShift::default()).collect(),
+        models,
+        wire_noise_scale: 1.0,
+        table: StripeTable::new(spec.rope.wires()),
+        diameter_mm: spec.rope.diameter_mm(),
+    }
+}
+
+fn view_model(spec: &AlignerSpec, gathered: &[Measured], v: usize, angle_rad: f64, distance_mm: f64) -> ViewModel {
+    let mut widths: Vec<f32> = gathered
+        .iter()
+        .filter_map(|m| m.views.get(v))
+        .flat_map(|view| view.contours.lower_px.iter().zip(&view.contours.upper_px).map(|(l, u)| u - l))
+        .filter(|w| w.is_finite())
+        .collect();
+    let unit = ModelContour::new(&spec.rope, &Camera { angle_rad, distance_mm, px_per_mm: 1.0 });
+    let width_px = if widths.is_empty() {
+        spec.rope_width_px.unwrap_or(spec.width_px as f64 * 0.8)
+    } else {
+        // Mean of the middle half: the outline's own distribution is symmetric enough, wire ends and losses are not.
+        let n = widths.len();
+        widths.sort_by(f32::total_cmp);
+        let middle = &widths[n / 4..(3 * n / 4).max(n / 4 + 1)];
+        middle.iter().map(|&w| f64::from(w)).sum::<f64>() / middle.len() as f64
+    };
+    let camera = Camera { angle_rad, distance_mm, px_per_mm: width_px / unit.mean_width_px() };
+    ViewModel {
+        camera,
+        contour: ModelContour::new(&spec.rope, &camera),
+        template: None,
+        pattern: None,
+        noise_scale: 1.0,
+    }
+}
+
+/// Fits every stretch: the best on its own, the others outward from it. `None` if not one can be fitted.
+fn fit_all(spec: &AlignerSpec, models: &[ViewModel], gathered: &mut [Measured]) -> Option<()> {
+    let alone: Vec<_> = gathered.iter().map(|m| fit_from(spec, models, m, None)).collect();
+    for (measured, fit) in gathered.iter_mut().zip(&alone) {
+        measured.fit = *fit;
+    }
+    let score = |k: usize| alone[k].as_ref().map_or(f64::NEG_INFINITY, |f| f.score);
+    let best = (0..gathered.len()).max_by(|&a, &b| score(a).total_cmp(&score(b)))?;
+    alone[best].ok()?;
+    let follow = |gathered: &mut [Measured], from: usize, to: usize| {
+        let fit = gathered[from].fit;
+        if let Ok(fit) = fit {
+            let reference = Reference::straight(&fit, &spec.rope, gathered[from].lines, spec.pitch_mm, spec.knot_lines);
+            // Signed distance: stretches before the best one are reached backward.
+            let shifted = reference_shifted(&reference, gathered[from].first_line, gathered[to].first_line);
+            gathered[to].fit = fit_from(spec, models, &gathered[to], Some((gathered[to].first_line, &shifted)));
+        }
+    };
+    for to in best + 1..gathered.len() {
+        follow(gathered, to - 1, to);
+    }
+    for to in (0..best).rev() {
+        follow(gathered, to + 1, to);
+    }
+    Some(())
+}
+
+/// The same straight course, with lines counted from another first line.
+fn reference_shifted(reference: &Reference, from_line: usize, to_line: usize) -> Reference {
+    let lines = to_line as f64 - from_line as f64;
+    Reference {
+        phase_rad: reference.phase_rad + reference.rate_rad_per_mm * lines * reference.pitch_mm,
+        ..reference.clone()
+    }
+}
+
+/// Estimates the camera distance from all contours, and scales the cameras again.
+fn place_cameras(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) {
+    let mut harmonics = vec![ContourHarmonics::default(); views.models.len()];
+    for measured in gathered {
+        let Ok(fit) = measured.fit else { continue };
+        let reference = Reference::straight(&fit, &spec.rope, measured.lines, spec.pitch_mm, spec.knot_lines);
+        let period = TAU / fit.rate_rad_per_mm.abs() / spec.rope.strands() as f64 / spec.pitch_mm;
+        for ((h, view), model) in harmonics.iter_mut().zip(&measured.views).zip(&views.models) {
+            h.add(spec.rope.strands(), &view.contours, period.round().max(4.0) as usize, |line| {
+                model.camera.phase_in_view(reference.mean_phase_rad(line as f64))
+            });
+        }
+    }
+    let distance_mm = estimate(&spec.rope, &harmonics).unwrap_or(DEFAULT_DISTANCE_DIAMETERS * spec.rope.diameter_mm());
+    for (v, model) in views.models.iter_mut().enumerate() {
+        *model = view_model(spec, gathered, v, model.camera.angle_rad, distance_mm);
+    }
+}
+
+/// Learns the templates anew from all gathered stretches.
+fn first_templates(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) {
+    for (v, (model, sums)) in views.models.iter_mut().zip(&mut views.sums).enumerate() {
+        *sums = TemplateSums::new(spec.width_px);
+        for measured in gathered.iter_mut() {
+            let Ok(fit) = measured.fit else { continue };
+            let reference = match &measured.reference {
+                Some(reference) if reference.rate_rad_per_mm == fit.rate_rad_per_mm => reference.clone(),
+                _ => Reference::straight(&fit, &spec.rope, measured.lines, spec.pitch_mm, spec.knot_lines),
+            };
+            let view = &mut measured.views[v];
+            if view.image.lines() == 0 {
+                continue;
+            }
+            if measured.reference.is_none() {
+                view.set_axis(model, &spec.rope, &reference);
+            }
+            if view.usable() {
+                sums.add(&spec.rope, &view.image, &view.axis_px, LINE_STRIDE, |line| {
+                    model.camera.phase_in_view(reference.mean_phase_rad(line as f64))
+                });
+            }
+        }
+        model.template = Template::new(&spec.rope, &model.camera, sums);
+    }
+}
+
+fn wrong_hand(views: &Views) -> bool {
+    let slants: Vec<f64> = views.models.iter().filter_map(|m| m.template.as_ref()).map(Template::slant).collect();
+    slants.iter().sum::<f64>() > 0.0
+}
+
+/// Measures every stretch; `wires(k)` are those expected in stretch k.
+fn measure_all(
+    spec: &AlignerSpec,
+    views: &mut Views,
+    gathered: &mut [Measured],
+    wires: &dyn Fn(usize) -> Vec<Option<WirePrediction>>,
+) {
+    for k in 0..gathered.len() {
+        let (before, rest) = gathered.split_at_mut(k);
+        let before: Vec<&Measured> = before.iter().rev().take(2).rev().collect();
+        measure(spec, views, &mut rest[0], &before, &wires(k));
+    }
+}
+
+/// Runs of consecutive stretches that were measured.
+fn runs(gathered: &[Measured]) -> Vec<&[Measured]> {
+    gathered.split(|m| m.reference.is_none()).filter(|run| !run.is_empty()).collect()
+}
+
+/// Mean squared normalised residual of measurements about their smoothed course: 1 if the stated variances are right.
+fn residual_scale(courses: &[(Course, Vec<Measurement>)]) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (course, knots) in courses {
+        for (k, m) in knots.iter().enumerate().filter(|(_, m)| m.information > 0.0) {
+            let kept = 1.0 - m.information * course.phase_variance(k);
+            if kept > 0.2 {
+                let squared = m.information * (m.value_rad - course.phase_rad(k)).powi(2) / kept;
+                sum += squared.min(16.0); // a defect here and there must not count
+                count += 1.0;
+            }
+        }
+    }
+    (count > 50.0).then(|| sum / count)
+}
+
+/// Scales the registration's variances by what the residuals about the smooth courses show.
+fn calibrate_strands(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) {
+    let n = spec.rope.strands();
+    for v in 0..views.models.len() {
+        let mut courses = Vec::new();
+        for run in runs(gathered) {
+            let window: Vec<&Measured> = run.iter().collect();
+            let rate = run[0].reference.as_ref().map_or(0.0, |r| r.rate_rad_per_mm);
+            let only: Vec<Vec<Measurement>> = run.iter().map(|m| m.strands.views[v].clone()).collect();
+            for (j, course) in strand_courses(spec, &window, Some(v), rate).into_iter().enumerate() {
+                if let Some(course) = course {
+                    let knots = only.iter().flat_map(|f| f.chunks_exact(n).map(move |k| k[j])).collect();
+                    courses.push((course, knots));
+                }
+            }
+        }
+        if let Some(scale) = residual_scale(&courses) {
+            views.models[v].noise_scale *= scale.clamp(0.02, 50.0);
+        }
+    }
+}
+
+/// Searches the wires of every strand, tracks them through the gathered stretches, and learns where light shifts the stripes.
+fn lock_wires(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) -> Vec<Option<WirePrediction>> {
+    let n = spec.rope.strands();
+    let Some(first) = gathered.iter().position(|m| m.reference.is_some()) else { return vec![None; n] };
+    let run = gathered[first..].iter().take_while(|m| m.reference.is_some()).count();
+    let searched: Vec<&Measured> = gathered[first..first + run.min(WIRE_SEARCH_STRETCHES)].iter().collect();
+    let start: Vec<Option<WirePrediction>> = (0..n).map(|j| search_wires(spec, views, &searched, j)).collect();
+    let mut wires = start.clone();
+    for round in 0..3 {
+        wires = start.clone();
+        for k in first..gathered.len() {
+            let (before, rest) = gathered.split_at_mut(k);
+            if rest[0].reference.is_none() {
+                continue;
+            }
+            measure_wires(spec, views, &mut rest[0], &wires);
+            let window: Vec<&Measured> = before[first.max(k.saturating_sub(2))..].iter().chain([&rest[0]]).collect();
+            wires = predict_wires(spec, &window, &wires);
+        }
+        let all = runs(gathered);
+        let rates = |j: usize| start[j].map(|p| p.rate_rad_per_mm);
+        if round < 2 {
+            let mut sums = ShiftSums::new(views.models.len());
+            for run in &all {
+                let window: Vec<&Measured> = run.iter().collect();
+                let courses = wire_courses(spec, &window, None, rates);
+                let mut knot = 0;
+                for measured in *run {
+                    add_shifts(spec, measured, &courses, knot, &mut sums);
+                    knot += measured.knots(spec);
+                }
+            }
+            views.shifts = sums.shifts();
+        }
+        if round == 1 {
+            let mut courses = Vec::new();
+            for run in &all {
+                let window: Vec<&Measured> = run.iter().collect();
+                for (j, course) in wire_courses(spec, &window, None, rates).into_iter().enumerate() {
+                    if let Some(course) = course {
+                        let knots =
+                            run.iter().flat_map(|m| fuse(m.wires.iter().map(|w| &w[j][..]), m.knots(spec))).collect();
+                        courses.push((course, knots));
+                    }
+                }
+            }
+            if let Some(scale) = residual_scale(&courses) {
+                views.wire_noise_scale *= scale.clamp(0.05, 50.0);
+            }
+        }
+    }
+    wires
+}
+
+/// Learns the wire patterns anew from all gathered stretches. Answers where the wires are in each: phase and rate about its middle.
+fn learn_patterns(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) -> Vec<Vec<Option<WirePrediction>>> {
+    let n = spec.rope.strands();
+    views.pattern_sums = views.models.iter().map(|_| PatternSums::new(spec.width_px)).collect();
+    let mut predictions = vec![vec![None; n]; gathered.len()];
+    let mut at = 0;
+    for (k, measured) in gathered.iter().enumerate() {
+        if measured.reference.is_none() {
+            at = k + 1;
+            continue;
+        }
+        let window: Vec<&Measured> =
+            gathered[at..].iter().take_while(|m| m.reference.is_some()).take(k + 2 - at).collect();
+        let courses = wire_courses(spec, &window, None, |j| measured_rate(spec, measured, j));
+        let first_knot: usize = gathered[at..k].iter().map(|m| m.knots(spec)).sum();
+        learn_pattern(spec, views, measured, &courses, first_knot);
+        let knots = measured.knots(spec);
+        let middle = first_knot + knots / 2;
+        for (prediction, course) in predictions[k].iter_mut().zip(&courses) {
+            *prediction = course.as_ref().map(|c| WirePrediction {
+                phase_rad: c.phase_rad(middle),
+                rate_rad_per_mm: c.slope_rad_per_mm(first_knot..first_knot + knots),
+                position_mm: measured.grid(spec).knot_mm(knots / 2),
+            });
+        }
+    }
+    renew_patterns(spec, views);
+    predictions
+}
+
+fn add_shifts(
+    spec: &AlignerSpec,
+    measured: &Measured,
+    courses: &[Option<Course>],
+    first_knot: usize,
+    sums: &mut ShiftSums,
+) {
+    let n = spec.rope.strands();
+    let grid = measured.grid(spec);
+    for (v, stripes) in measured.stripes.iter().enumerate() {
+        for (reading, row) in stripes.stripes.chunks_exact(n).enumerate() {
+            let knot = (reading * LINE_STRIDE / spec.knot_lines).min(grid.knots - 1);
+            for (j, course) in courses.iter().enumerate() {
+                if let (Some(course), true) = (course, row[j].pixels > 0.0) {
+                    let at = first_knot + knot;
+                    let off_mm = grid.reading_mm(reading) - grid.knot_mm(knot);
+                    let phase = course.phase_rad(at) + course.rate_rad_per_mm(at) * off_mm;
+                    sums.add(v, spec.rope.wires(), &row[j], phase);
+                }
+            }
+        }
+    }
+}
+
+/// Gap between two readings that separates two passes of a strand before a camera, in mm.
+const PASS_GAP_MM: f64 = 4.0;
+
+/// The wires of strand `j` over a few stretches, all views together. `None` if nothing coherent is found.
+pub(super) fn search_wires(
+    spec: &AlignerSpec,
+    views: &Views,
+    stretches: &[&Measured],
+    j: usize,
+) -> Option<WirePrediction> {
+    let n = spec.rope.strands();
+    let of_view = |v: usize| -> Vec<(f64, Stripe)> {
+        let of_stretch = |measured: &&Measured| {
+            let grid = measured.grid(spec);
+            let rows = measured.stripes[v].stripes.chunks_exact(n).enumerate();
+            rows.filter(|(_, row)| row[j].pixels > 0.0).map(|(r, row)| (grid.reading_mm(r), row[j])).collect::<Vec<_>>()
+        };
+        stretches.iter().flat_map(of_stretch).collect()
+    };
+    let by_view: Vec<_> = (0..views.models.len()).map(of_view).collect();
+    let passes: Vec<&[(f64, Stripe)]> = by_view
+        .iter()
+        .flat_map(|view| view.chunk_by(|a, b| b.0 - a.0 < PASS_GAP_MM))
+        .filter(|pass| pass.len() >= 8)
+        .collect();
+    let (rate, coherence) = searched_rates(&spec.rope)
+        .into_iter()
+        .filter_map(|range| search_rate(spec.rope.wires(), &passes, range))
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    if coherence < LEAST_COHERENCE {
+        return None;
+    }
+    // The phase of the longest pass, on the facets that look at the camera: shifts of the others are learnt against it.
+    let pass = passes.iter().max_by(|a, b| (a[a.len() - 1].0 - a[0].0).total_cmp(&(b[b.len() - 1].0 - b[0].0)))?;
+    let m = spec.rope.wires() as f64;
+    let position_mm = pass[pass.len() / 2].0;
+    let facing = |(x, s): &(f64, Stripe)| {
+        let sum = |parts: &[f32; FACETS]| f64::from(parts[FACETS / 2 - 1] + parts[FACETS / 2]);
+        (*x, (sum(&s.re), sum(&s.im)))
+    };
+    let (re, im) = turned_sum(m, pass.iter().map(facing), rate, position_mm);
+    Some(WirePrediction { phase_rad: -im.atan2(re) / m, rate_rad_per_mm: rate, position_mm })
+}

@@ -1,0 +1,162 @@
+//! Measures each strand's own phase, and the rope's sideways position, by registering the image with the learnt template.
+//!
+//! Real ropes are not rigid: strands drift by a degree or two (the paper names this as its main inaccuracy). Each knot, a few
+//! millimetres of rope, gets one Gauss-Newton step per strand from the linearised difference of image and [`Template`]; the
+//! smoother joins the knots, which keeps a defect from being followed.
+
+use super::contour::Contours;
+use super::image::GrayImage;
+use super::model_contour::ModelContour;
+use super::rope::Rope;
+use super::surface::wrap_rad;
+use super::template::{Template, normalised_line, phase_bin};
+use super::wire_pattern::{WirePattern, mean_phase};
+use std::f64::consts::FRAC_PI_2;
+
+/// Every how many lines the image is registered: neighbouring lines tell nearly the same.
+pub const LINE_STRIDE: usize = 4;
+/// Differences from the template beyond this (in units of the line's mean gray) are dirt, highlights or defects, and are cut.
+const CUT: f32 = 0.35;
+/// Strands nearer to the outline than this phase are not registered in this view: they are narrow and badly lit.
+const FARTHEST_RAD: f64 = 1.35;
+
+/// Normal equations of one knot in one view: sums over the knot's pixels.
+#[derive(Debug, Clone, Default)]
+pub struct KnotSums {
+    /// Per strand: sum of (dT/dphase)^2.
+    pub phase_phase: [f64; 8],
+    /// Per strand: sum of dT/dphase * dT/dcolumn.
+    pub phase_axis: [f64; 8],
+    /// Per strand: sum of dT/dphase * difference.
+    pub phase_difference: [f64; 8],
+    /// Sum of (dT/dcolumn)^2.
+    pub axis_axis: f64,
+    /// Sum of dT/dcolumn * difference.
+    pub axis_difference: f64,
+    /// Sum of difference^2.
+    pub squares: f64,
+    /// Number of pixels.
+    pub pixels: f64,
+    /// Per strand, from the contours: sum of (dc/dphase)^2 in px^2/rad^2.
+    pub contour_phase_phase: [f64; 8],
+    /// Per strand, from the contours: sum of dc/dphase * difference in px^2/rad.
+    pub contour_phase_difference: [f64; 8],
+    /// Sum of squared contour differences in px^2, their number, and the sum of products of neighbouring ones.
+    pub contour_squares: (f64, f64, f64),
+}
+
+/// Sums the normal equations of every knot of an image. `phases_rad(line, out)` gives the reference phases of all strands in
+/// rope axes; `wires_rad(line, out)` those of wire 0 of every strand (NaN where unknown), whose pattern is taken out first;
+/// `axis_px[line]` is the reference axis; knots are `knot_lines` long.
+#[expect(clippy::too_many_arguments, reason = "one pass over the image with all that is known of it")]
+pub fn register(
+    rope: &Rope,
+    template: &Template,
+    pattern: Option<&WirePattern>,
+    angle_rad: f64,
+    image: &GrayImage,
+    axis_px: &[f32],
+    knot_lines: usize,
+    phases_rad: impl Fn(usize, &mut [f64]),
+    wires_rad: impl Fn(usize, &mut [f64]),
+) -> Vec<KnotSums> {
+    let width = template.width();
+    let n = rope.strands();
+    let mut knots = vec![KnotSums::default(); image.lines().div_ceil(knot_lines)];
+    let mut line = vec![0.0f32; width];
+    let mut phases = vec![0.0f64; n];
+    let mut wires = vec![f64::NAN; n];
+    let step = rope.strand_step_rad();
+    for k in (0..image.lines()).step_by(LINE_STRIDE) {
+        if !normalised_line(image.line(k), axis_px[k], &mut line) {
+            continue;
+        }
+        phases_rad(k, &mut phases);
+        // The template is read at the mean phase; each strand's own reference enters as a known offset.
+        let mean = mean_phase(rope, &phases);
+        let bin = phase_bin(rope, mean - angle_rad);
+        wires_rad(k, &mut wires);
+        let steps = (mean - angle_rad) / step;
+        let in_bin =
+            ((steps - steps.round() + 0.5) - (bin.row as f64 + 0.5) / super::template::PHASE_BINS as f64) * step;
+        let sums = &mut knots[k / knot_lines];
+        let (expected, per_rad, per_px) = (template.mean(bin.row), template.per_rad(bin.row), template.per_px(bin.row));
+        for span in template.spans(bin.row) {
+            if span.phase_in_view_rad.abs() > FARTHEST_RAD {
+                continue;
+            }
+            let j = (bin.nearest + span.strand) % n;
+            let own = (phases[j] - j as f64 * step - mean + in_bin) as f32;
+            let (from, to) = template.columns(span);
+            if let (Some(pattern), false) = (pattern, wires[j].is_nan()) {
+                pattern.subtract(rope.wires(), bin.row, wires[j] - angle_rad, &mut line, from, to);
+            }
+            let mut acc = [0.0f32; 6];
+            for c in from..to {
+                let g = per_rad[c];
+                // The picture moves against the axis: dT/daxis = -dT/dcolumn.
+                let h = -per_px[c];
+                let r = (line[c] - expected[c] - own * g).clamp(-CUT, CUT);
+                acc[0] += g * g;
+                acc[1] += g * h;
+                acc[2] += g * r;
+                acc[3] += h * h;
+                acc[4] += h * r;
+                acc[5] += r * r;
+            }
+            sums.phase_phase[j] += f64::from(acc[0]);
+            sums.phase_axis[j] += f64::from(acc[1]);
+            sums.phase_difference[j] += f64::from(acc[2]);
+            sums.axis_axis += f64::from(acc[3]);
+            sums.axis_difference += f64::from(acc[4]);
+            sums.squares += f64::from(acc[5]);
+            sums.pixels += (to - from) as f64;
+        }
+    }
+    knots
+}
+
+/// Contours that are off by more than this, in px, are wire ends or dirt, and are cut.
+const CONTOUR_CUT_PX: f64 = 3.0;
+
+/// Adds what the contours know: each shows the strand that stands at its side. `sums` and phases as in [`register`].
+#[expect(clippy::too_many_arguments, reason = "as in `register`")]
+pub fn register_contours(
+    rope: &Rope,
+    model: &ModelContour,
+    angle_rad: f64,
+    contours: &Contours,
+    axis_px: &[f32],
+    knot_lines: usize,
+    phases_rad: impl Fn(usize, &mut [f64]),
+    sums: &mut [KnotSums],
+) {
+    let n = rope.strands();
+    let mut phases = vec![0.0f64; n];
+    let step = 1e-3;
+    let mut before = [0.0; 2];
+    for k in (0..contours.len()).step_by(LINE_STRIDE) {
+        phases_rad(k, &mut phases);
+        let knot = &mut sums[k / knot_lines];
+        let sides = [(contours.upper_px[k], FRAC_PI_2), (contours.lower_px[k], -FRAC_PI_2)];
+        for (side, (column, at_rad)) in sides.into_iter().enumerate() {
+            if !column.is_finite() {
+                before[side] = 0.0;
+                continue;
+            }
+            let distance = |j: usize| wrap_rad(phases[j] - angle_rad - at_rad).abs();
+            let Some(j) = (0..n).min_by(|&a, &b| distance(a).total_cmp(&distance(b))) else { continue };
+            let phase = phases[j] - angle_rad;
+            let outline = |p: f64| if side == 0 { model.upper_px(p) } else { model.lower_px(p) };
+            let slope = (outline(phase + step) - outline(phase - step)) / (2.0 * step);
+            let difference = f64::from(column - axis_px[k]) - outline(phase);
+            let cut = difference.clamp(-CONTOUR_CUT_PX, CONTOUR_CUT_PX);
+            knot.contour_phase_phase[j] += slope * slope;
+            knot.contour_phase_difference[j] += slope * cut;
+            knot.contour_squares.0 += cut * cut;
+            knot.contour_squares.1 += 1.0;
+            knot.contour_squares.2 += cut * before[side];
+            before[side] = cut;
+        }
+    }
+}

@@ -1,0 +1,292 @@
+//! A stretch of rope as all views show it, and what is measured of its strands. [Wacker13, sec. 3.3.1, extended]
+//!
+//! Contours give the mean course of the strands (eq. 13); registration with the template gives each strand's own deviation.
+
+use super::camera::Camera;
+use super::contour::Contours;
+use super::displacement::axis_course_px;
+use super::image::GrayImage;
+use super::model_contour::ModelContour;
+use super::registration::{KnotSums, register, register_contours};
+use super::rope::Rope;
+use super::smoothing::Measurement;
+use super::strand_alignment::{ContourView, StrandAlignment};
+use super::template::Template;
+use super::wire_pattern::WirePattern;
+use std::f64::consts::TAU;
+
+/// Neighbouring pixels and lines share wires: so many registered pixels count as one independent one. Refined from residuals.
+const PIXELS_PER_INDEPENDENT: f64 = 40.0;
+/// Prior standard deviation of the axis' correction by the image, in px: contours leave about this much.
+const AXIS_PRIOR_PX: f64 = 0.001;
+
+/// One view of a stretch.
+#[derive(Debug, Clone, Default)]
+pub struct ViewStretch {
+    /// The lines; without lines the view was lost here.
+    pub image: GrayImage,
+    /// Its contours; NaN where there are none.
+    pub contours: Contours,
+    /// Column of the rope axis at every line.
+    pub axis_px: Vec<f32>,
+}
+
+/// What the strands of a stretch were measured to be, at its knots.
+#[derive(Debug, Clone, Default)]
+pub struct StrandKnots {
+    /// `views[v][knot * strands + j]`: strand phases in rad, unwrapped, as view v saw them.
+    pub views: Vec<Vec<Measurement>>,
+}
+
+/// Reference course of the strands over a stretch: a straight mean and each strand's deviation at the knots.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    /// Phase of strand 0 at the middle line, unwrapped, in rad.
+    pub phase_rad: f64,
+    /// Rate in rad/mm.
+    pub rate_rad_per_mm: f64,
+    /// Lines of the stretch.
+    pub lines: usize,
+    /// Rope per line in mm.
+    pub pitch_mm: f64,
+    /// Lines per knot.
+    pub knot_lines: usize,
+    /// `deviation_rad[knot * strands + j]`.
+    pub deviation_rad: Vec<f64>,
+    /// Phase of wire 0 of every strand at the middle line in rad, and its rate in rad/mm; NaN where the wires are not known.
+    pub wires: Vec<(f64, f64)>,
+}
+
+impl Reference {
+    /// The straight course of an alignment, without deviations.
+    pub fn straight(alignment: &StrandAlignment, rope: &Rope, lines: usize, pitch_mm: f64, knot_lines: usize) -> Self {
+        Self {
+            phase_rad: alignment.phase_rad,
+            rate_rad_per_mm: alignment.rate_rad_per_mm,
+            lines,
+            pitch_mm,
+            knot_lines,
+            deviation_rad: vec![0.0; lines.div_ceil(knot_lines) * rope.strands()],
+            wires: vec![(f64::NAN, f64::NAN); rope.strands()],
+        }
+    }
+
+    /// Mean phase of strand 0 at a line.
+    pub fn mean_phase_rad(&self, line: f64) -> f64 {
+        self.phase_rad + self.rate_rad_per_mm * (line - (self.lines as f64 - 1.0) / 2.0) * self.pitch_mm
+    }
+
+    /// Line in the middle of a knot.
+    pub fn knot_middle(&self, knot: usize) -> f64 {
+        let from = knot * self.knot_lines;
+        (from + (from + self.knot_lines).min(self.lines) - 1) as f64 / 2.0
+    }
+
+    /// Number of knots.
+    pub fn knots(&self) -> usize {
+        self.lines.div_ceil(self.knot_lines)
+    }
+
+    /// Phases of wire 0 of all strands at a line; NaN where the wires are not known.
+    pub fn wires_rad(&self, line: usize, out: &mut [f64]) {
+        let off_mm = (line as f64 - (self.lines as f64 - 1.0) / 2.0) * self.pitch_mm;
+        for (phase, (middle, rate)) in out.iter_mut().zip(&self.wires) {
+            *phase = middle + rate * off_mm;
+        }
+    }
+
+    /// Phases of all strands at a line, deviations interpolated between the knots.
+    pub fn phases_rad(&self, rope: &Rope, line: usize, out: &mut [f64]) {
+        let n = rope.strands();
+        let knots = self.knots();
+        let at = (line as f64 - (self.knot_lines as f64 - 1.0) / 2.0) / self.knot_lines as f64;
+        let a = (at.floor().max(0.0) as usize).min(knots - 1);
+        let b = (a + 1).min(knots - 1);
+        let share = (at - a as f64).clamp(0.0, 1.0);
+        let mean = self.mean_phase_rad(line as f64);
+        for (j, phase) in out.iter_mut().enumerate().take(n) {
+            let (da, db) = (self.deviation_rad[a * n + j], self.deviation_rad[b * n + j]);
+            *phase = mean + j as f64 * rope.strand_step_rad() + da + share * (db - da);
+        }
+    }
+}
+
+/// Everything that stays the same for one view over an acquisition.
+#[derive(Debug, Clone)]
+pub struct ViewModel {
+    /// The camera.
+    pub camera: Camera,
+    /// The outline of the model rope in it.
+    pub contour: ModelContour,
+    /// Mean look of the strands; absent until learnt.
+    pub template: Option<Template>,
+    /// What wires add to it; absent until they are tracked.
+    pub pattern: Option<WirePattern>,
+    /// Factor on the registration's variance, found from residuals.
+    pub noise_scale: f64,
+}
+
+impl ViewStretch {
+    /// The contours with their model, for the alignment of the strands.
+    pub fn contour_view<'a>(&'a self, model: &'a ViewModel) -> ContourView<'a> {
+        ContourView { contours: &self.contours, model: &model.contour, angle_rad: model.camera.angle_rad }
+    }
+
+    /// Sets the axis from the contours (eq. 10), averaged over one period of the outline.
+    pub fn set_axis(&mut self, model: &ViewModel, rope: &Rope, reference: &Reference) {
+        let period_mm = TAU / reference.rate_rad_per_mm.abs() / rope.strands() as f64;
+        let smooth_lines = (period_mm / reference.pitch_mm).round().max(8.0) as usize;
+        self.axis_px = axis_course_px(
+            &self.contours,
+            |k| {
+                let phase = model.camera.phase_in_view(reference.mean_phase_rad(k as f64));
+                (model.contour.lower_px(phase), model.contour.upper_px(phase))
+            },
+            smooth_lines,
+        );
+    }
+
+    /// True if the view shows the rope here.
+    pub fn usable(&self) -> bool {
+        self.image.lines() > 0 && self.axis_px.first().is_some_and(|a| a.is_finite())
+    }
+}
+
+/// Registers every view with its template: normal equations per view and knot (empty for unusable views).
+pub fn register_views(
+    rope: &Rope,
+    models: &[ViewModel],
+    views: &[ViewStretch],
+    reference: &Reference,
+) -> Vec<Vec<KnotSums>> {
+    use rayon::prelude::*;
+    models
+        .par_iter()
+        .zip(views)
+        .map(|(model, view)| match (&model.template, view.usable()) {
+            (Some(template), true) => {
+                let angle = model.camera.angle_rad;
+                let phases = |line: usize, out: &mut [f64]| reference.phases_rad(rope, line, out);
+                let wires = |line: usize, out: &mut [f64]| reference.wires_rad(line, out);
+                let (pattern, knot_lines) = (model.pattern.as_ref(), reference.knot_lines);
+                let mut sums =
+                    register(rope, template, pattern, angle, &view.image, &view.axis_px, knot_lines, phases, wires);
+                register_contours(
+                    rope,
+                    &model.contour,
+                    angle,
+                    &view.contours,
+                    &view.axis_px,
+                    knot_lines,
+                    phases,
+                    &mut sums,
+                );
+                sums
+            }
+            _ => Vec::new(),
+        })
+        .collect()
+}
+
+/// Turns normal equations into measured phases, given the axis' correction per knot (`axis_correction_px[view][knot]`).
+pub fn strand_knots(
+    rope: &Rope,
+    models: &[ViewModel],
+    sums: &[Vec<KnotSums>],
+    reference: &Reference,
+    axis_correction_px: &[Vec<f64>],
+) -> StrandKnots {
+    let n = rope.strands();
+    let views = sums
+        .iter()
+        .enumerate()
+        .map(|(v, knots)| {
+            let (squares, pixels) = knots.iter().fold((0.0, 0.0), |(s, p), k| (s + k.squares, p + k.pixels));
+            let variance = (squares / pixels.max(1.0)).max(1e-6) * PIXELS_PER_INDEPENDENT * models[v].noise_scale;
+            let contour_variance = contour_variance_px2(knots);
+            let mut measured = vec![Measurement::default(); reference.knots() * n];
+            for (k, knot) in knots.iter().enumerate() {
+                let mean = reference.mean_phase_rad(reference.knot_middle(k));
+                for j in 0..n {
+                    let information = knot.phase_phase[j] / variance + knot.contour_phase_phase[j] / contour_variance;
+                    if information <= 0.0 {
+                        continue;
+                    }
+                    let image = (knot.phase_difference[j] - knot.phase_axis[j] * axis_correction_px[v][k]) / variance;
+                    let step = (image + knot.contour_phase_difference[j] / contour_variance) / information;
+                    let base = mean + j as f64 * rope.strand_step_rad() + reference.deviation_rad[k * n + j];
+                    // One Gauss-Newton step is only good for small corrections; larger ones come over the rounds.
+                    let step = step.clamp(-0.06, 0.06);
+                    measured[k * n + j] = Measurement { value_rad: base + step, information };
+                }
+            }
+            measured
+        })
+        .collect();
+    StrandKnots { views }
+}
+
+/// Variance of one contour reading in px^2, raised by what neighbouring readings share (as in a first-order autoregression).
+fn contour_variance_px2(knots: &[KnotSums]) -> f64 {
+    let (squares, count, products) = knots.iter().fold((0.0, 0.0, 0.0), |t, k| {
+        (t.0 + k.contour_squares.0, t.1 + k.contour_squares.1, t.2 + k.contour_squares.2)
+    });
+    let share = (products / f64::max(squares, 1e-9)).clamp(0.0, 0.95);
+    (squares / f64::max(count, 1.0)).max(0.01) * (1.0 + share) / (1.0 - share)
+}
+
+/// Correction of the axis per view and knot that the image asks for, given the strands' phases (`phases_rad[knot * strands + j]`),
+/// averaged over neighbouring knots.
+pub fn axis_corrections_px(
+    rope: &Rope,
+    sums: &[Vec<KnotSums>],
+    reference: &Reference,
+    phases_rad: &[f64],
+) -> Vec<Vec<f64>> {
+    let n = rope.strands();
+    sums.iter()
+        .map(|knots| {
+            let raw: Vec<(f64, f64)> = (0..reference.knots())
+                .map(|k| match knots.get(k) {
+                    Some(knot) if knot.axis_axis > 0.0 => {
+                        let mean = reference.mean_phase_rad(reference.knot_middle(k));
+                        let explained: f64 = (0..n)
+                            .map(|j| {
+                                let base =
+                                    mean + j as f64 * rope.strand_step_rad() + reference.deviation_rad[k * n + j];
+                                knot.phase_axis[j] * (phases_rad[k * n + j] - base)
+                            })
+                            .sum();
+                        (knot.axis_difference - explained, knot.axis_axis)
+                    }
+                    _ => (0.0, 0.0),
+                })
+                .collect();
+            let typical = raw.iter().map(|r| r.1).sum::<f64>() / raw.len().max(1) as f64;
+            (0..raw.len())
+                .map(|k| {
+                    let near = &raw[k.saturating_sub(5)..(k + 6).min(raw.len())];
+                    let (b, a) = near.iter().fold((0.0, 0.0), |(b, a), r| (b + r.0, a + r.1));
+                    // The prior weighs as much as one knot at the prior deviation.
+                    let prior = typical * 0.1 / (AXIS_PRIOR_PX * AXIS_PRIOR_PX);
+                    if a > 0.0 { b / (a + prior) } else { 0.0 }
+                })
+                .collect()
+        })
+        .collect()
+}
+
+/// Joins the views: information adds up.
+pub fn fuse<'a>(views: impl Iterator<Item = &'a [Measurement]>, len: usize) -> Vec<Measurement> {
+    let mut fused = vec![Measurement::default(); len];
+    for view in views {
+        for (f, m) in fused.iter_mut().zip(view) {
+            let information = f.information + m.information;
+            if m.information > 0.0 {
+                f.value_rad += (m.value_rad - f.value_rad) * m.information / information;
+                f.information = information;
+            }
+        }
+    }
+    fused
+}

@@ -1,0 +1,182 @@
+//! How the wires modulate the look of the strands, learnt from the rope: the finer half of the [`Template`].
+//!
+//! About the mean look of a strand, wires are a periodic pattern in chi = M (psi - wire phase). Its first harmonics, as functions
+//! of strand phase and column, are learnt once the wires are tracked; taken out of the image, they leave the valleys between the
+//! strands to be registered without the wires' disturbance.
+
+use super::image::GrayImage;
+use super::rope::Rope;
+use super::template::{PHASE_BINS, Template, normalised_line, phase_bin};
+
+/// Harmonics of the wire period that are kept; wires are round, so two describe them well.
+pub const HARMONICS: usize = 2;
+/// Spread of the smoothing along the phase in bins, after the pattern's own movement is taken out.
+const SMOOTHING_BINS: f32 = 4.0;
+/// Samples that a bin needs for half of its pattern to be believed.
+const SHRINKAGE: f32 = 12.0;
+
+/// Sums of what wires add to the mean look, per harmonic, row and column: complex, re and im apart.
+#[derive(Debug, Clone)]
+pub struct PatternSums {
+    width: usize,
+    re: Vec<f32>,
+    im: Vec<f32>,
+    counts: Vec<f32>,
+    line: Vec<f32>,
+}
+
+impl PatternSums {
+    /// Empty sums for images of `width` columns.
+    pub fn new(width: usize) -> Self {
+        let n = HARMONICS * PHASE_BINS * width;
+        Self {
+            width,
+            re: vec![0.0; n],
+            im: vec![0.0; n],
+            counts: vec![0.0; PHASE_BINS * width],
+            line: vec![0.0; width],
+        }
+    }
+
+    /// Adds every `stride`-th line. `phases(line, strands, wires)` gives the phases of all strands and of wire 0 of each strand
+    /// in rope axes, wires NaN where unknown.
+    #[expect(clippy::too_many_arguments, reason = "one pass over the image with all that is known of it")]
+    pub fn add(
+        &mut self,
+        rope: &Rope,
+        template: &Template,
+        angle_rad: f64,
+        image: &GrayImage,
+        axis_px: &[f32],
+        stride: usize,
+        phases: impl Fn(usize, &mut [f64], &mut [f64]),
+    ) {
+        let n = rope.strands();
+        let (mut strands, mut wires) = (vec![0.0; n], vec![0.0; n]);
+        for k in (0..image.lines()).step_by(stride) {
+            if !normalised_line(image.line(k), axis_px[k], &mut self.line) {
+                continue;
+            }
+            phases(k, &mut strands, &mut wires);
+            let mean = mean_phase(rope, &strands);
+            let bin = phase_bin(rope, mean - angle_rad);
+            let expected = template.mean(bin.row);
+            for span in template.spans(bin.row) {
+                let j = (bin.nearest + span.strand) % n;
+                if wires[j].is_nan() {
+                    continue;
+                }
+                let (from, to) = template.columns(span);
+                for h in 0..HARMONICS {
+                    let angle = (h + 1) as f64 * rope.wires() as f64 * (wires[j] - angle_rad);
+                    let (sin, cos) = (angle.sin() as f32, angle.cos() as f32);
+                    let at = (h * PHASE_BINS + bin.row) * self.width;
+                    for c in from..to {
+                        let difference = self.line[c] - expected[c];
+                        self.re[at + c] += difference * cos;
+                        self.im[at + c] += difference * sin;
+                    }
+                }
+                for count in &mut self.counts[bin.row * self.width + from..bin.row * self.width + to] {
+                    *count += 1.0;
+                }
+            }
+        }
+    }
+}
+
+/// Mean phase of strand 0 over all strands.
+pub fn mean_phase(rope: &Rope, strand_phases_rad: &[f64]) -> f64 {
+    let n = strand_phases_rad.len() as f64;
+    strand_phases_rad.iter().enumerate().map(|(j, p)| p - j as f64 * rope.strand_step_rad()).sum::<f64>() / n
+}
+
+/// The learnt pattern: expected difference = sum over h of re_h cos(h M phase) + im_h sin(h M phase).
+#[derive(Debug, Clone)]
+pub struct WirePattern {
+    width: usize,
+    re: Vec<f32>,
+    im: Vec<f32>,
+}
+
+impl WirePattern {
+    /// Divides the sums, smooths along the strand phase on the strand's own surface, and shrinks what was hardly seen.
+    pub fn new(rope: &Rope, template: &Template, sums: &PatternSums) -> Self {
+        let width = sums.width;
+        let reach = (2.5 * SMOOTHING_BINS).ceil() as isize;
+        let kernel: Vec<(isize, f32)> =
+            (-reach..=reach).map(|k| (k, (-0.5 * (k as f32 / SMOOTHING_BINS).powi(2)).exp())).collect();
+        // M psi of every row and column (NaN between strands), and which strand it is on.
+        let mut turn = vec![(f32::NAN, usize::MAX); PHASE_BINS * width];
+        for row in 0..PHASE_BINS {
+            for span in template.spans(row) {
+                let (from, to) = template.columns(span);
+                for c in from..to {
+                    let psi = span.surface_rad(c as f64 - (width / 2) as f64);
+                    turn[row * width + c] = ((rope.wires() as f64 * psi) as f32, span.strand);
+                }
+            }
+        }
+        let mut pattern = Self { width, re: vec![0.0; sums.re.len()], im: vec![0.0; sums.im.len()] };
+        for h in 0..HARMONICS {
+            let order = (h + 1) as f32;
+            // b = S exp(-i h M psi): the pattern seen on the surface, which hardly depends on the row.
+            let mut surface = vec![(0.0f32, 0.0f32); PHASE_BINS * width];
+            for (at, &(psi, _)) in turn.iter().enumerate() {
+                if psi.is_finite() {
+                    let (s, c) = (order * psi).sin_cos();
+                    let (re, im) = (sums.re[h * PHASE_BINS * width + at], sums.im[h * PHASE_BINS * width + at]);
+                    surface[at] = (re * c + im * s, im * c - re * s);
+                }
+            }
+            for row in 0..PHASE_BINS {
+                for c in 0..width {
+                    let at = row * width + c;
+                    let (psi, strand) = turn[at];
+                    if !psi.is_finite() {
+                        continue;
+                    }
+                    let (mut re, mut im, mut count) = (0.0, 0.0, 0.0);
+                    for &(k, w) in &kernel {
+                        let other = row as isize + k;
+                        // Beyond the ends of the table strands change their number; the pattern there is another one's.
+                        if (0..PHASE_BINS as isize).contains(&other) {
+                            let o = other as usize * width + c;
+                            if turn[o].1 == strand {
+                                re += w * surface[o].0;
+                                im += w * surface[o].1;
+                                count += w * sums.counts[o];
+                            }
+                        }
+                    }
+                    let scale = 2.0 / (count + SHRINKAGE);
+                    let (s, co) = (order * psi).sin_cos();
+                    pattern.re[h * PHASE_BINS * width + at] = scale * (re * co - im * s);
+                    pattern.im[h * PHASE_BINS * width + at] = scale * (re * s + im * co);
+                }
+            }
+        }
+        pattern
+    }
+
+    /// Takes the pattern of wires at `wire_phase_in_view_rad` out of the columns `from..to` of a normalised line.
+    pub fn subtract(
+        &self,
+        wires: usize,
+        row: usize,
+        wire_phase_in_view_rad: f64,
+        line: &mut [f32],
+        from: usize,
+        to: usize,
+    ) {
+        for h in 0..HARMONICS {
+            let angle = (h + 1) as f64 * wires as f64 * wire_phase_in_view_rad;
+            let (sin, cos) = (angle.sin() as f32, angle.cos() as f32);
+            let at = (h * PHASE_BINS + row) * self.width;
+            let (re, im) = (&self.re[at + from..at + to], &self.im[at + from..at + to]);
+            for ((value, &a), &b) in line[from..to].iter_mut().zip(re).zip(im) {
+                *value -= a * cos + b * sin;
+            }
+        }
+    }
+}

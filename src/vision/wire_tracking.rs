@@ -1,0 +1,264 @@
+//! Follows the wires of every strand from knot to knot by their stripes. [Wacker13, sec. 3.3.2, replaced by unwrapping]
+
+use super::rope::Rope;
+use super::smoothing::Measurement;
+use super::unwrapping::{FACETS, LINE_STRIDE, Phasor, Stripe, Stripes, turned_sum};
+use std::f64::consts::TAU;
+
+/// Readings of one view share dirt and texture: so many count as one independent one. Refined from residuals.
+const READINGS_PER_INDEPENDENT: f64 = 4.0;
+
+/// Where light puts the bright line of a wire, beside its centre, on every facet: unit phasors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StripeShift {
+    facets: [Phasor; FACETS],
+}
+
+impl Default for StripeShift {
+    fn default() -> Self {
+        Self { facets: [(1.0, 0.0); FACETS] }
+    }
+}
+
+impl StripeShift {
+    /// What a reading says of the wires, the lighting's shift of every facet taken out.
+    pub fn correct(&self, stripe: &Stripe) -> Phasor {
+        let mut sum = (0.0, 0.0);
+        for (f, &(c, s)) in self.facets.iter().enumerate() {
+            let (re, im) = (f64::from(stripe.re[f]), f64::from(stripe.im[f]));
+            sum.0 += re * c + im * s;
+            sum.1 += im * c - re * s;
+        }
+        sum
+    }
+}
+
+/// Sums from which [`StripeShift`]s are learnt: mean phasor of the stripes about the tracked wires, per view and facet.
+#[derive(Debug, Clone)]
+pub struct ShiftSums {
+    views: Vec<[Phasor; FACETS]>,
+}
+
+impl ShiftSums {
+    /// Empty sums for so many views.
+    pub fn new(views: usize) -> Self {
+        Self { views: vec![[(0.0, 0.0); FACETS]; views] }
+    }
+
+    /// Adds a reading of `view` where the wires were tracked at `wire_phase_rad`.
+    pub fn add(&mut self, view: usize, wires: usize, stripe: &Stripe, wire_phase_rad: f64) {
+        let (sin, cos) = (wires as f64 * wire_phase_rad).sin_cos();
+        for (f, sum) in self.views[view].iter_mut().enumerate() {
+            let (re, im) = (f64::from(stripe.re[f]), f64::from(stripe.im[f]));
+            sum.0 += re * cos - im * sin;
+            sum.1 += re * sin + im * cos;
+        }
+    }
+
+    /// The shifts. Only differences can be known, so the mean over everything is set to none.
+    pub fn shifts(&self) -> Vec<StripeShift> {
+        let total = self.views.iter().flatten().fold((0.0f64, 0.0f64), |t, s| (t.0 + s.0, t.1 + s.1));
+        let norm = total.0.hypot(total.1).max(1e-12);
+        let (c, s) = (total.0 / norm, total.1 / norm);
+        self.views
+            .iter()
+            .map(|facets| StripeShift {
+                facets: facets.map(|(re, im)| {
+                    let (re, im) = (re * c + im * s, im * c - re * s);
+                    let norm = re.hypot(im);
+                    if norm > 0.0 { (re / norm, im / norm) } else { (1.0, 0.0) }
+                }),
+            })
+            .collect()
+    }
+}
+
+/// Straight course that the wires of a strand are expected on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WirePrediction {
+    /// Phase of wire 0 in rad at `position_mm`.
+    pub phase_rad: f64,
+    /// Rate in rad/mm, signed.
+    pub rate_rad_per_mm: f64,
+    /// Where the phase holds.
+    pub position_mm: f64,
+}
+
+impl WirePrediction {
+    /// Phase of wire 0 at a position.
+    pub fn at(&self, position_mm: f64) -> f64 {
+        self.phase_rad + self.rate_rad_per_mm * (position_mm - self.position_mm)
+    }
+}
+
+/// How far the wire lay may change from one stretch to the next, as a share.
+const STEP_TOLERANCE: f64 = 0.04;
+
+impl WirePrediction {
+    /// The prediction with the rate that a stretch's own stripes agree with best, near the predicted one: a step of the lay
+    /// must not throw the count off. The second value is the coherence there.
+    pub fn adapted(self, wires: usize, readings: &[(f64, Phasor)]) -> (Self, f64) {
+        let m = wires as f64;
+        let total: f64 = readings.iter().map(|(_, (re, im))| re.hypot(*im)).sum();
+        if readings.len() < 16 || total <= 0.0 {
+            return (self, 0.0);
+        }
+        const STEPS: i32 = 16;
+        let coherence = |rate: f64| {
+            let (re, im) = turned_sum(m, readings.iter().copied(), rate, self.position_mm);
+            re.hypot(im) / total
+        };
+        let now = coherence(self.rate_rad_per_mm);
+        // A better rate must be clearly better: within a wire's pitch noise has its peaks, too.
+        let (rate, best) = (-STEPS..=STEPS)
+            .map(|k| self.rate_rad_per_mm * (1.0 + STEP_TOLERANCE * f64::from(k) / f64::from(STEPS)))
+            .map(|rate| (rate, coherence(rate)))
+            .fold((self.rate_rad_per_mm, now + 0.1), |best, found| if found.1 > best.1 { found } else { best });
+        if rate == self.rate_rad_per_mm {
+            return (self, now);
+        }
+        // Keep the phase in the middle of the readings continuous with its nearest wire.
+        let middle = readings[readings.len() / 2].0;
+        let (re, im) = turned_sum(m, readings.iter().copied(), rate, middle);
+        let expected = self.phase_rad + rate * (middle - self.position_mm);
+        let step = TAU / m;
+        let phase = -im.atan2(re) / m;
+        let phase_rad = phase + ((expected - phase) / step).round() * step;
+        (Self { phase_rad, rate_rad_per_mm: rate, position_mm: middle }, best)
+    }
+}
+
+/// Where readings lie, and how they fall into knots.
+#[derive(Debug, Clone, Copy)]
+pub struct Grid {
+    /// Rope position of line 0 of the stretch in mm.
+    pub first_mm: f64,
+    /// Rope per line in mm.
+    pub pitch_mm: f64,
+    /// Lines per knot.
+    pub knot_lines: usize,
+    /// Number of knots.
+    pub knots: usize,
+}
+
+impl Grid {
+    /// Position of a reading in mm.
+    pub fn reading_mm(&self, reading: usize) -> f64 {
+        self.first_mm + (reading * LINE_STRIDE) as f64 * self.pitch_mm
+    }
+
+    /// Position of the middle of a knot in mm.
+    pub fn knot_mm(&self, knot: usize) -> f64 {
+        self.first_mm + ((knot * self.knot_lines) as f64 + (self.knot_lines as f64 - 1.0) / 2.0) * self.pitch_mm
+    }
+}
+
+/// Measures the wires of strand `j` at every knot of a stretch in one view, relative to a prediction. The second value is the
+/// coherence: how well all stripes agree with the prediction, in [0, 1] with the weight they carry.
+pub fn wire_knots(
+    rope: &Rope,
+    stripes: &Stripes,
+    shift: &StripeShift,
+    j: usize,
+    grid: Grid,
+    prediction: WirePrediction,
+    noise_scale: f64,
+) -> Vec<Measurement> {
+    let n = rope.strands();
+    let m = rope.wires() as f64;
+    let mut sums = vec![(0.0f64, 0.0f64, 0.0f64, 0.0f64); grid.knots];
+    for (reading, row) in stripes.stripes.chunks_exact(n).enumerate() {
+        if row[j].pixels <= 0.0 {
+            continue;
+        }
+        let (re, im) = shift.correct(&row[j]);
+        let (sin, cos) = (m * prediction.at(grid.reading_mm(reading))).sin_cos();
+        let knot = (reading * LINE_STRIDE / grid.knot_lines).min(grid.knots - 1);
+        let sum = &mut sums[knot];
+        sum.0 += re * cos - im * sin;
+        sum.1 += re * sin + im * cos;
+        sum.2 += re * re + im * im;
+        sum.3 += 1.0;
+    }
+    // Scatter of single readings about their knot's mean: the noise that the phase of the mean has.
+    let (scatter, count) = sums
+        .iter()
+        .filter(|s| s.3 >= 2.0)
+        .fold((0.0, 0.0), |(t, c), s| (t + s.2 - (s.0 * s.0 + s.1 * s.1) / s.3, c + s.3 - 1.0));
+    let variance = (scatter / f64::max(count, 1.0) / 2.0).max(1e-9) * READINGS_PER_INDEPENDENT * noise_scale;
+    sums.iter()
+        .enumerate()
+        .map(|(k, &(re, im, _, count))| {
+            let power = re * re + im * im;
+            if count < 1.0 || power <= 0.0 {
+                return Measurement::default();
+            }
+            // The coefficient turns with exp(-i M phase).
+            let off = -im.atan2(re) / m;
+            // Variance of the angle of the sum: count * variance / power, and a floor for what single knots can be trusted.
+            let sd_stripes = (count * variance / power).sqrt().max(0.05);
+            if sd_stripes > 1.0 {
+                return Measurement::default(); // the phase of noise
+            }
+            Measurement { value_rad: prediction.at(grid.knot_mm(k)) + off, information: (m / sd_stripes).powi(2) }
+        })
+        .collect()
+}
+
+/// What strand `j` says in all views, light's shift taken out, sorted by position in mm.
+pub fn readings(rope: &Rope, views: &[(&Stripes, &StripeShift)], j: usize, grid: Grid) -> Vec<(f64, Phasor)> {
+    let n = rope.strands();
+    let mut all: Vec<(f64, Phasor)> = Vec::new();
+    for (stripes, shift) in views {
+        for (reading, row) in stripes.stripes.chunks_exact(n).enumerate() {
+            if row[j].pixels > 0.0 {
+                all.push((grid.reading_mm(reading), shift.correct(&row[j])));
+            }
+        }
+    }
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    all
+}
+
+/// How well the stripes of strand `j` in one view agree with wires on `phase_rad(position)`: |sum|/sum of amplitudes.
+pub fn coherence(
+    rope: &Rope,
+    views: &[(&Stripes, &StripeShift)],
+    j: usize,
+    grid: Grid,
+    phase_rad: impl Fn(f64) -> f64,
+) -> f64 {
+    let n = rope.strands();
+    let m = rope.wires() as f64;
+    let (mut sum, mut total) = ((0.0, 0.0), 0.0);
+    for (stripes, shift) in views {
+        for (reading, row) in stripes.stripes.chunks_exact(n).enumerate() {
+            if row[j].pixels > 0.0 {
+                let (re, im) = shift.correct(&row[j]);
+                let (sin, cos) = (m * phase_rad(grid.reading_mm(reading))).sin_cos();
+                sum.0 += re * cos - im * sin;
+                sum.1 += re * sin + im * cos;
+                total += re.hypot(im);
+            }
+        }
+    }
+    if total > 0.0 { f64::hypot(sum.0, sum.1) / total } else { 0.0 }
+}
+
+/// Wire lays to search when none is given, in strand diameters, either hand.
+pub const SEARCHED_LAY_STRAND_DIAMETERS: (f64, f64) = (5.0, 16.0);
+/// How far a wire lay may be off its nominal value, as a share: wires cannot be taken for their neighbours, so it may be wide.
+pub const NOMINAL_TOLERANCE: f64 = 0.27;
+
+/// Intervals of the wire rate in rad/mm to search.
+pub fn searched_rates(rope: &Rope) -> Vec<(f64, f64)> {
+    match rope.design().wire_lay_mm {
+        Some(lay) => vec![(TAU / (lay * (1.0 + NOMINAL_TOLERANCE)), TAU / (lay * (1.0 - NOMINAL_TOLERANCE)))],
+        None => {
+            let diameter = 2.0 * rope.strand_radius_mm();
+            let (short, long) =
+                (SEARCHED_LAY_STRAND_DIAMETERS.0 * diameter, SEARCHED_LAY_STRAND_DIAMETERS.1 * diameter);
+            vec![(TAU / long, TAU / short), (-TAU / short, -TAU / long)]
+        }
+    }
+}
