@@ -2,12 +2,15 @@
 
 mod demo;
 mod evaluate;
+mod healthcheck;
 mod inspect;
+mod logs;
 mod serve;
 mod simulate;
 mod token;
 mod train;
 mod upload;
+mod upload_progress;
 mod worker;
 
 use clap::{Parser, Subcommand};
@@ -32,6 +35,7 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     Upload(upload::UploadArgs),
     Demo(demo::DemoArgs),
+    Healthcheck(healthcheck::HealthcheckArgs),
 }
 
 /// Runs the command. Exit codes: 0 done, 1 failed, 2 wrong arguments (clap's).
@@ -46,6 +50,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Evaluate(args) => evaluate::run(args),
         Command::Upload(args) => upload::run(args),
         Command::Demo(args) => demo::run(args),
+        Command::Healthcheck(args) => healthcheck::run(args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

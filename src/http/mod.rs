@@ -1,1 +1,37 @@
-//! http
+//! The service over HTTP.
+//!
+//! [`router`] shows every route and who may use it. One file a resource; [`problem`] is the one error type, [`extract`] the
+//! one way requests are read, [`guard`] stands before every route, [`server`] accepts connections.
+
+pub mod acquisitions;
+pub mod auth;
+pub mod buckets;
+pub mod defects;
+pub mod deliveries;
+pub mod extract;
+pub mod frames;
+pub mod guard;
+pub mod health;
+pub mod history;
+pub mod inspections;
+pub mod job_events;
+pub mod jobs;
+pub mod lay_lengths;
+pub mod line_scores;
+pub mod models;
+pub mod openapi;
+pub mod pages;
+pub mod picture;
+pub mod pictures;
+pub mod problem;
+pub mod ropes;
+pub mod ropeways;
+pub mod router;
+pub mod server;
+pub mod tables;
+pub mod times;
+pub mod tokens;
+mod upload;
+pub mod webhooks;
+
+pub use problem::Problem;

@@ -1,0 +1,234 @@
+//! Defects, what people decided about them, and the tickets that came of it.
+
+use super::outbox::{self, Cause, DefectFacts};
+use super::{Id, Page, PageRequest, Store, StoreError};
+use crate::pipeline::results::{AlarmRow, DefectRow};
+use sqlx::SqliteConnection;
+
+/// A defect.
+#[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
+#[expect(missing_docs, reason = "migrations/0004_results.sql says what each column means")]
+pub struct Defect {
+    pub seq: i64,
+    pub id: Id,
+    pub inspection_id: Id,
+    pub rope_id: Id,
+    pub number: u32,
+    pub from_m: f64,
+    pub to_m: f64,
+    pub strand: Option<u32>,
+    pub wire: Option<u32>,
+    pub peak_score: f64,
+    pub alarms: String,
+    pub state: String,
+    pub verdict_by: Option<String>,
+    pub verdict_comment: Option<String>,
+    pub verdict_at_ms: Option<i64>,
+    pub ticket_number: Option<String>,
+    pub ticket_url: Option<String>,
+    pub ticket_state: Option<String>,
+    pub created_at_ms: i64,
+}
+
+/// What a person decided.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Verdict {
+    /// True: it is one. False: it is none.
+    pub confirmed: bool,
+    /// Who decided.
+    pub by: String,
+    /// What they said.
+    pub comment: Option<String>,
+}
+
+/// What came of a verdict.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Judged {
+    /// It holds, now or since the same call before.
+    Accepted(Defect),
+    /// Somebody decided otherwise before; nothing was changed.
+    Contradiction(Defect),
+    /// There is no such defect.
+    Unknown,
+}
+
+/// A ticket as the maintenance system knows it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ticket {
+    /// Its number there.
+    pub number: String,
+    /// Where people see it.
+    pub url: Option<String>,
+    /// Its state, in the words of that system.
+    pub state: String,
+}
+
+pub(super) async fn insert(
+    connection: &mut SqliteConnection,
+    inspection: Id,
+    defects: &[(Id, DefectRow)],
+    now_ms: i64,
+) -> Result<(), StoreError> {
+    let level: Option<f64> =
+        sqlx::query_scalar("select r.ticket_level from inspection i join rope r on r.id = i.rope_id where i.id = $1")
+            .bind(inspection)
+            .fetch_one(&mut *connection)
+            .await?;
+    for (id, defect) in defects {
+        let alarms = serde_json::to_string(&defect.alarms).map_err(|e| StoreError::Inconsistent {
+            table: "defect",
+            column: "alarms",
+            row: id.to_string(),
+            value: e.to_string(),
+        })?;
+        sqlx::query(
+            "insert into defect (id, inspection_id, rope_id, number, from_m, to_m, strand, wire, peak_score, alarms, state, created_at_ms)
+             select $1, i.id, i.rope_id, $3, $4, $5, $6, $7, $8, $9, 'open', $10 from inspection i where i.id = $2",
+        )
+        .bind(id)
+        .bind(inspection)
+        .bind(defect.id as i64)
+        .bind(defect.from_m)
+        .bind(defect.to_m)
+        .bind(defect.strand.map(|s| s as i64))
+        .bind(defect.wire.map(|w| w as i64))
+        .bind(defect.peak_score)
+        .bind(alarms)
+        .bind(now_ms)
+        .execute(&mut *connection)
+        .await?;
+        if let Some(ticket_level) = level
+            && defect.peak_score >= ticket_level
+        {
+            enqueue_ticket(connection, *id, Cause::Level { ticket_level }, now_ms).await?;
+        }
+    }
+    Ok(())
+}
+
+/// Queues the ticket of a defect, with what is known of it now; part of the caller's transaction.
+async fn enqueue_ticket(
+    connection: &mut SqliteConnection,
+    id: Id,
+    cause: Cause,
+    now_ms: i64,
+) -> Result<(), StoreError> {
+    let defect: Defect =
+        sqlx::query_as("select * from defect where id = $1").bind(id).fetch_one(&mut *connection).await?;
+    let (rope, ropeway): (String, String) =
+        sqlx::query_as("select r.name, w.name from rope r join ropeway w on w.id = r.ropeway_id where r.id = $1")
+            .bind(defect.rope_id)
+            .fetch_one(&mut *connection)
+            .await?;
+    let alarms = defect.alarms()?;
+    let worst = alarms.iter().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score));
+    let facts = DefectFacts {
+        defect_id: id.0,
+        inspection_id: defect.inspection_id.0,
+        rope_id: defect.rope_id.0,
+        rope,
+        ropeway,
+        from_m: defect.from_m,
+        to_m: defect.to_m,
+        strand: defect.strand.map(|s| s as usize),
+        wire: defect.wire.map(|w| w as usize),
+        peak_score: defect.peak_score,
+        view: worst.map_or(0, |alarm| alarm.view),
+        cause,
+    };
+    outbox::enqueue_defect(connection, &facts, now_ms).await?;
+    Ok(())
+}
+
+impl Defect {
+    /// Its alarms.
+    pub fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
+        serde_json::from_str(&self.alarms).map_err(|e| StoreError::Inconsistent {
+            table: "defect",
+            column: "alarms",
+            row: self.id.to_string(),
+            value: e.to_string(),
+        })
+    }
+}
+
+impl Store {
+    /// A defect.
+    pub async fn defect(&self, id: Id) -> Result<Option<Defect>, StoreError> {
+        Ok(sqlx::query_as("select * from defect where id = $1").bind(id).fetch_optional(self.reader()).await?)
+    }
+
+    /// Defects of an inspection, along the rope.
+    pub async fn defects_of(&self, inspection: Id) -> Result<Vec<Defect>, StoreError> {
+        Ok(sqlx::query_as("select * from defect where inspection_id = $1 order by number")
+            .bind(inspection)
+            .fetch_all(self.reader())
+            .await?)
+    }
+
+    /// Defects, page by page; of one rope and in one state if asked.
+    pub async fn defects(
+        &self,
+        rope: Option<Id>,
+        state: Option<&str>,
+        page: PageRequest,
+    ) -> Result<Page<Defect>, StoreError> {
+        let rows = sqlx::query_as(
+            "select * from defect where ($1 is null or rope_id = $1) and ($2 is null or state = $2) and seq < $3
+             order by seq desc limit $4",
+        )
+        .bind(rope)
+        .bind(state)
+        .bind(page.before_seq())
+        .bind(page.fetch())
+        .fetch_all(self.reader())
+        .await?;
+        Ok(page.page(rows, |d: &Defect| d.seq))
+    }
+
+    /// Records a verdict; a confirmation queues the ticket in the same transaction.
+    pub async fn judge(&self, id: Id, verdict: &Verdict, now_ms: i64) -> Result<Judged, StoreError> {
+        let state = if verdict.confirmed { "confirmed" } else { "dismissed" };
+        let mut tx = self.write().await?;
+        let Some(defect): Option<Defect> =
+            sqlx::query_as("select * from defect where id = $1").bind(id).fetch_optional(&mut *tx).await?
+        else {
+            return Ok(Judged::Unknown);
+        };
+        if defect.state != "open" {
+            return Ok(if defect.state == state { Judged::Accepted(defect) } else { Judged::Contradiction(defect) });
+        }
+        let defect = sqlx::query_as(
+            "update defect set state = $2, verdict_by = $3, verdict_comment = $4, verdict_at_ms = $5 where id = $1 returning *",
+        )
+        .bind(id)
+        .bind(state)
+        .bind(&verdict.by)
+        .bind(&verdict.comment)
+        .bind(now_ms)
+        .fetch_one(&mut *tx)
+        .await?;
+        if verdict.confirmed {
+            let cause = Cause::Verdict { by: verdict.by.clone(), comment: verdict.comment.clone() };
+            enqueue_ticket(&mut tx, id, cause, now_ms).await?;
+        }
+        tx.commit().await?;
+        Ok(Judged::Accepted(defect))
+    }
+
+    /// Writes back what the maintenance system says of the ticket. `None` if there is no such defect.
+    pub async fn set_ticket(&self, id: Id, ticket: &Ticket) -> Result<Option<Defect>, StoreError> {
+        let mut tx = self.write().await?;
+        let row = sqlx::query_as(
+            "update defect set ticket_number = $2, ticket_url = $3, ticket_state = $4 where id = $1 returning *",
+        )
+        .bind(id)
+        .bind(&ticket.number)
+        .bind(&ticket.url)
+        .bind(&ticket.state)
+        .fetch_optional(&mut *tx)
+        .await?;
+        tx.commit().await?;
+        Ok(row)
+    }
+}

@@ -1,0 +1,123 @@
+//! Inspections: what a job concluded about one acquisition with one model and one threshold.
+
+use super::leases::{Lease, settle};
+use super::{Id, Page, PageRequest, Store, StoreError, defects, lay_lengths};
+use crate::pipeline::results::{DefectRow, LayLengthRow};
+
+/// An inspection.
+#[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
+pub struct Inspection {
+    /// Order of arrival.
+    pub seq: i64,
+    /// Id; names its results folder.
+    pub id: Id,
+    /// The rope.
+    pub rope_id: Id,
+    /// What was inspected.
+    pub acquisition_id: Id,
+    /// With which model; `None`: alignment only.
+    pub model_id: Option<Id>,
+    /// The job that did it.
+    pub job_id: Id,
+    /// JSON of [`crate::pipeline::results::Summary`].
+    pub summary: String,
+    /// When it ended, ms since 1970.
+    pub created_at_ms: i64,
+}
+
+/// An inspection to be recorded; its results folder is in place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewInspection {
+    /// Id; names its results folder.
+    pub id: Id,
+    /// JSON of the summary.
+    pub summary: String,
+    /// Lay lengths of all views and fused.
+    pub lay_lengths: Vec<LayLengthRow>,
+    /// Defects, with the ids they shall have.
+    pub defects: Vec<(Id, DefectRow)>,
+    /// Rope per camera line in mm, to turn lines into rope metres.
+    pub line_pitch_mm: f64,
+}
+
+impl Store {
+    /// Ends an inspection job with all that it found, and queues the tickets of defects that reach the rope's level, in one
+    /// transaction. On [`Lease::Lost`] nothing was recorded.
+    pub async fn settle_inspected(
+        &self,
+        job: Id,
+        token: i64,
+        new: &NewInspection,
+        now_ms: i64,
+    ) -> Result<Lease, StoreError> {
+        let mut tx = self.write().await?;
+        if settle(&mut tx, job, token, "succeeded", Some(new.id), None, now_ms).await? == 0 {
+            return Ok(Lease::Lost);
+        }
+        sqlx::query(
+            "insert into inspection (id, rope_id, acquisition_id, model_id, job_id, summary, created_at_ms)
+             select $1, j.rope_id, j.acquisition_id, j.model_id, j.id, $3, $4 from job j where j.id = $2",
+        )
+        .bind(new.id)
+        .bind(job)
+        .bind(&new.summary)
+        .bind(now_ms)
+        .execute(&mut *tx)
+        .await?;
+        lay_lengths::insert(&mut tx, new.id, &new.lay_lengths, new.line_pitch_mm).await?;
+        defects::insert(&mut tx, new.id, &new.defects, now_ms).await?;
+        tx.commit().await?;
+        Ok(Lease::Held)
+    }
+
+    /// An inspection.
+    pub async fn inspection(&self, id: Id) -> Result<Option<Inspection>, StoreError> {
+        Ok(sqlx::query_as("select * from inspection where id = $1").bind(id).fetch_optional(self.reader()).await?)
+    }
+
+    /// Inspections, of one rope or acquisition or of all, page by page.
+    pub async fn inspections(
+        &self,
+        rope: Option<Id>,
+        acquisition: Option<Id>,
+        page: PageRequest,
+    ) -> Result<Page<Inspection>, StoreError> {
+        let rows = sqlx::query_as(
+            "select * from inspection where ($1 is null or rope_id = $1) and ($2 is null or acquisition_id = $2) and seq < $3
+             order by seq desc limit $4",
+        )
+        .bind(rope)
+        .bind(acquisition)
+        .bind(page.before_seq())
+        .bind(page.fetch())
+        .fetch_all(self.reader())
+        .await?;
+        Ok(page.page(rows, |i: &Inspection| i.seq))
+    }
+
+    /// The last inspection of each acquisition of a rope that was acquired in `[from_ms, to_ms)`, oldest acquisition first:
+    /// the columns of a history. At most `limit`, the newest ones.
+    pub async fn inspections_by_date(
+        &self,
+        rope: Id,
+        from_ms: i64,
+        to_ms: i64,
+        limit: u32,
+    ) -> Result<Vec<(Id, Id, i64)>, StoreError> {
+        Ok(sqlx::query_as(
+            "select id, acquisition_id, at_ms from (
+               select i.id, i.acquisition_id, coalesce(a.acquired_at_ms, a.created_at_ms) as at_ms
+               from inspection i join acquisition a on a.id = i.acquisition_id
+               where i.rope_id = $1 and i.seq = (select max(seq) from inspection where acquisition_id = i.acquisition_id)
+                 and at_ms >= $2 and at_ms < $3
+               order by at_ms desc limit $4)
+             order by at_ms",
+        )
+        .bind(rope)
+        .bind(from_ms)
+        .bind(to_ms)
+        .bind(limit)
+        .fetch_all(self.reader())
+        .await?)
+    }
+}

@@ -1,0 +1,232 @@
+//! Jobs as clients see them: ask, look, cancel. What workers do with them stands in [`super::leases`].
+
+use super::{Id, Page, PageRequest, Store, StoreError};
+
+/// A job.
+#[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
+#[expect(missing_docs, reason = "migrations/0003_jobs_and_tokens.sql says what each column means")]
+pub struct Job {
+    pub seq: i64,
+    pub id: Id,
+    pub kind: String,
+    pub rope_id: Id,
+    pub acquisition_id: Id,
+    pub model_id: Option<Id>,
+    pub threshold: Option<f64>,
+    pub from_m: Option<f64>,
+    pub to_m: Option<f64>,
+    pub idempotency_key: Option<String>,
+    pub state: String,
+    pub run_at_ms: i64,
+    pub attempts: u32,
+    pub lease_owner: Option<String>,
+    pub lease_token: i64,
+    pub lease_until_ms: Option<i64>,
+    pub cancel_requested: bool,
+    pub stage: Option<String>,
+    pub done_m: Option<f64>,
+    pub total_m: Option<f64>,
+    pub metres_per_second: Option<f64>,
+    pub error: Option<String>,
+    pub result_id: Option<Id>,
+    pub created_at_ms: i64,
+    pub started_at_ms: Option<i64>,
+    pub finished_at_ms: Option<i64>,
+}
+
+impl Job {
+    /// True when nothing more will happen to it.
+    pub fn ended(&self) -> bool {
+        matches!(self.state.as_str(), "succeeded" | "failed" | "cancelled")
+    }
+}
+
+/// What shall be done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Task {
+    /// Learn the appearance of intact rope, from and to a rope metre.
+    Train {
+        /// `None`: from the start.
+        from_m: Option<f64>,
+        /// `None`: to the end.
+        to_m: Option<f64>,
+    },
+    /// Measure lay lengths and, with a model, find defects.
+    Inspect {
+        /// `None`: alignment only.
+        model_id: Option<Id>,
+        /// `None`: the model's own.
+        threshold: Option<f64>,
+    },
+}
+
+/// A job to be queued.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewJob {
+    /// Id.
+    pub id: Id,
+    /// The complete acquisition to work on.
+    pub acquisition_id: Id,
+    /// What to do with it.
+    pub task: Task,
+    /// The client's key; a repeated request with it is the same job.
+    pub idempotency_key: Option<String>,
+}
+
+/// What came of the wish for a job.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Enqueued {
+    /// It is queued.
+    New(Job),
+    /// The same request was made before.
+    Same(Job),
+    /// The key or the id belongs to another request; nothing was changed.
+    Different(Job),
+    /// There is no such acquisition.
+    NoAcquisition,
+    /// The acquisition is not complete.
+    Incomplete,
+    /// There is no such model.
+    NoModel,
+    /// The model is of another rope.
+    ModelOfAnotherRope {
+        /// Rope of the model.
+        model_rope: Id,
+        /// Rope of the acquisition.
+        rope: Id,
+    },
+}
+
+/// What came of the wish to cancel.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cancellation {
+    /// It is cancelled, or its worker will see the wish at the next heartbeat.
+    Accepted(Job),
+    /// It had already ended otherwise.
+    Ended(Job),
+    /// There is no such job.
+    Unknown,
+}
+
+impl Store {
+    /// Queues a job on a complete acquisition.
+    pub async fn enqueue(&self, new: &NewJob, now_ms: i64) -> Result<Enqueued, StoreError> {
+        let (kind, from_m, to_m, model_id, threshold) = match new.task {
+            Task::Train { from_m, to_m } => ("train", from_m, to_m, None, None),
+            Task::Inspect { model_id, threshold } => ("inspect", None, None, model_id, threshold),
+        };
+        let mut tx = self.write().await?;
+        let old: Option<Job> =
+            sqlx::query_as("select * from job where id = $1 or (kind = $2 and idempotency_key = $3)")
+                .bind(new.id)
+                .bind(kind)
+                .bind(&new.idempotency_key)
+                .fetch_optional(&mut *tx)
+                .await?;
+        if let Some(old) = old {
+            let same = old.kind == kind
+                && old.acquisition_id == new.acquisition_id
+                && old.model_id == model_id
+                && old.threshold == threshold
+                && old.from_m == from_m
+                && old.to_m == to_m;
+            return Ok(if same { Enqueued::Same(old) } else { Enqueued::Different(old) });
+        }
+        let acquisition: Option<(Id, String)> = sqlx::query_as("select rope_id, state from acquisition where id = $1")
+            .bind(new.acquisition_id)
+            .fetch_optional(&mut *tx)
+            .await?;
+        let Some((rope, state)) = acquisition else { return Ok(Enqueued::NoAcquisition) };
+        if state != "complete" {
+            return Ok(Enqueued::Incomplete);
+        }
+        if let Some(model) = model_id {
+            let model_rope: Option<Id> = sqlx::query_scalar("select rope_id from model where id = $1")
+                .bind(model)
+                .fetch_optional(&mut *tx)
+                .await?;
+            match model_rope {
+                None => return Ok(Enqueued::NoModel),
+                Some(model_rope) if model_rope != rope => {
+                    return Ok(Enqueued::ModelOfAnotherRope { model_rope, rope });
+                }
+                Some(_) => {}
+            }
+        }
+        let job = sqlx::query_as(
+            "insert into job (id, kind, rope_id, acquisition_id, model_id, threshold, from_m, to_m, idempotency_key, state, run_at_ms, created_at_ms)
+             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, 'queued', $10, $10) returning *",
+        )
+        .bind(new.id)
+        .bind(kind)
+        .bind(rope)
+        .bind(new.acquisition_id)
+        .bind(model_id)
+        .bind(threshold)
+        .bind(from_m)
+        .bind(to_m)
+        .bind(&new.idempotency_key)
+        .bind(now_ms)
+        .fetch_one(&mut *tx)
+        .await?;
+        tx.commit().await?;
+        Ok(Enqueued::New(job))
+    }
+
+    /// A job.
+    pub async fn job(&self, id: Id) -> Result<Option<Job>, StoreError> {
+        Ok(sqlx::query_as("select * from job where id = $1").bind(id).fetch_optional(self.reader()).await?)
+    }
+
+    /// Jobs, page by page; of one acquisition and in one state if asked.
+    pub async fn jobs(
+        &self,
+        acquisition: Option<Id>,
+        state: Option<&str>,
+        page: PageRequest,
+    ) -> Result<Page<Job>, StoreError> {
+        let rows = sqlx::query_as(
+            "select * from job where ($1 is null or acquisition_id = $1) and ($2 is null or state = $2) and seq < $3 order by seq desc limit $4",
+        )
+        .bind(acquisition)
+        .bind(state)
+        .bind(page.before_seq())
+        .bind(page.fetch())
+        .fetch_all(self.reader())
+        .await?;
+        Ok(page.page(rows, |j: &Job| j.seq))
+    }
+
+    /// Number of jobs that wait and that run.
+    pub async fn job_counts(&self) -> Result<(i64, i64), StoreError> {
+        Ok(sqlx::query_as(
+            "select count(*) filter (where state = 'queued'), count(*) filter (where state = 'running') from job",
+        )
+        .fetch_one(self.reader())
+        .await?)
+    }
+
+    /// Cancels a queued job at once, and asks the worker of a running one to stop.
+    pub async fn cancel(&self, id: Id, now_ms: i64) -> Result<Cancellation, StoreError> {
+        let mut tx = self.write().await?;
+        sqlx::query(
+            "update job set cancel_requested = 1,
+               state = iif(state = 'queued', 'cancelled', state), finished_at_ms = iif(state = 'queued', $2, finished_at_ms)
+             where id = $1 and state in ('queued', 'running')",
+        )
+        .bind(id)
+        .bind(now_ms)
+        .execute(&mut *tx)
+        .await?;
+        let job: Option<Job> =
+            sqlx::query_as("select * from job where id = $1").bind(id).fetch_optional(&mut *tx).await?;
+        tx.commit().await?;
+        Ok(match job {
+            None => Cancellation::Unknown,
+            Some(job) if job.cancel_requested && job.state != "succeeded" && job.state != "failed" => {
+                Cancellation::Accepted(job)
+            }
+            Some(job) => Cancellation::Ended(job),
+        })
+    }
+}

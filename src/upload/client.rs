@@ -1,0 +1,255 @@
+//! HTTP to a service, over links that come and go: what can be repeated is repeated until it works or patience ends.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use reqwest::{Method, StatusCode, header};
+use serde_json::Value;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Waits between tries double from the first to the second of these.
+const FIRST_WAIT: Duration = Duration::from_millis(300);
+const LONGEST_WAIT: Duration = Duration::from_secs(30);
+/// A connection that says nothing for this long is given up.
+const SILENCE: Duration = Duration::from_secs(60);
+const CONNECT: Duration = Duration::from_secs(10);
+
+/// Why a request has no good answer.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// The URL of the service is not usable.
+    #[error("{url:?} is not the URL of a service (http://host:port or https://host): {reason}")]
+    Server {
+        /// What was given.
+        url: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The token cannot be sent.
+    #[error("the token has characters that no token has: copy it again, or make one with `ropescope token create`")]
+    Token,
+    /// TLS or the like could not be set up.
+    #[error("cannot set up HTTP: {0}")]
+    Setup(reqwest::Error),
+    /// No answer, or only temporary failures, for longer than patience allows.
+    #[error("{what}: no success for {tried_s:.0} s and {tries} tries; the last one: {last}")]
+    Unreachable {
+        /// Method and path.
+        what: String,
+        /// Seconds since the first try.
+        tried_s: f64,
+        /// Number of tries.
+        tries: u32,
+        /// What the last try said.
+        last: String,
+    },
+    /// The service said no, and would again.
+    #[error("{what}: the service answered {status}: {said}")]
+    Refused {
+        /// Method and path.
+        what: String,
+        /// The status.
+        status: u16,
+        /// Title and detail of its problem answer.
+        said: String,
+        /// The problem answer itself.
+        problem: Value,
+    },
+    /// The answer is not what the API promises.
+    #[error("{what}: the answer is not what was expected: {reason}")]
+    Answer {
+        /// Method and path.
+        what: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+impl ClientError {
+    /// Status of a refusal.
+    pub fn status(&self) -> Option<u16> {
+        match self {
+            Self::Refused { status, .. } => Some(*status),
+            _ => None,
+        }
+    }
+}
+
+/// A service and the right to use it. Cheap to clone.
+#[derive(Clone)]
+pub struct Client {
+    http: reqwest::Client,
+    base: String,
+    patience: Duration,
+    rng: Arc<Mutex<ChaCha8Rng>>,
+}
+
+/// A good answer.
+#[derive(Debug, Clone)]
+pub struct Reply {
+    /// The status.
+    pub status: u16,
+    /// The body.
+    pub body: bytes::Bytes,
+}
+
+impl Client {
+    /// `server` such as `http://127.0.0.1:8080`; a request is repeated for `patience`; `seed` is for the jitter of the waits.
+    pub fn new(server: &str, token: &str, patience: Duration, seed: u64) -> Result<Self, ClientError> {
+        let bad = |reason: &str| ClientError::Server { url: server.into(), reason: reason.into() };
+        let url = reqwest::Url::parse(server).map_err(|e| bad(&e.to_string()))?;
+        if !matches!(url.scheme(), "http" | "https") {
+            return Err(bad("the scheme must be http or https"));
+        }
+        let mut bearer =
+            header::HeaderValue::try_from(format!("Bearer {}", token.trim())).map_err(|_| ClientError::Token)?;
+        bearer.set_sensitive(true);
+        let mut builder = reqwest::Client::builder()
+            .default_headers(header::HeaderMap::from_iter([(header::AUTHORIZATION, bearer)]))
+            .redirect(reqwest::redirect::Policy::none()) // the token must not travel on
+            .connect_timeout(CONNECT)
+            .read_timeout(SILENCE)
+            .user_agent(concat!("ropescope/", env!("CARGO_PKG_VERSION")));
+        let host = url.host_str().unwrap_or_default();
+        if host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback()) {
+            builder = builder.no_proxy(); // a proxy's loopback is not ours
+        }
+        crate::tls::install();
+        Ok(Self {
+            http: builder.build().map_err(ClientError::Setup)?,
+            base: format!("{}/api/v1", server.trim_end_matches('/')),
+            patience,
+            rng: Arc::new(Mutex::new(ChaCha8Rng::seed_from_u64(seed))),
+        })
+    }
+
+    /// Fetches JSON from `path` (below `/api/v1`).
+    pub async fn get(&self, path: &str) -> Result<Value, ClientError> {
+        self.json(Method::GET, path, None).await
+    }
+
+    /// Fetches bytes.
+    pub async fn get_bytes(&self, path: &str) -> Result<bytes::Bytes, ClientError> {
+        Ok(self.send(Method::GET, path, &[], bytes::Bytes::new()).await?.body)
+    }
+
+    /// Puts JSON. Repeated on failure, as every PUT may be.
+    pub async fn put(&self, path: &str, body: &Value) -> Result<Value, ClientError> {
+        self.json(Method::PUT, path, Some(body)).await
+    }
+
+    /// Posts JSON. Repeated on failure: only for requests that the service recognises when they come twice.
+    pub async fn post(&self, path: &str, body: &Value) -> Result<Value, ClientError> {
+        self.json(Method::POST, path, Some(body)).await
+    }
+
+    async fn json(&self, method: Method, path: &str, body: Option<&Value>) -> Result<Value, ClientError> {
+        let what = format!("{method} {path}");
+        let bytes = body.map_or_else(bytes::Bytes::new, |b| bytes::Bytes::from(b.to_string()));
+        let headers: &[(&str, String)] =
+            if body.is_some() { &[("content-type", "application/json".to_owned())] } else { &[] };
+        let reply = self.send(method, path, headers, bytes).await?;
+        serde_json::from_slice(&reply.body).map_err(|e| ClientError::Answer { what, reason: e.to_string() })
+    }
+
+    /// Sends a request until it succeeds, is refused for good, or patience ends. The body must be repeatable, so it is in memory.
+    pub async fn send(
+        &self,
+        method: Method,
+        path: &str,
+        headers: &[(&str, String)],
+        body: bytes::Bytes,
+    ) -> Result<Reply, ClientError> {
+        let what = format!("{method} {path}");
+        let begun = Instant::now();
+        let mut tries = 0;
+        loop {
+            let (last, asked) = match self.once(method.clone(), path, headers, body.clone()).await {
+                Ok(Ok(reply)) => return Ok(reply),
+                Ok(Err(failure)) if !failure.temporary() => return Err(failure.refused(what)),
+                Ok(Err(failure)) => (format!("{}: {}", failure.status, failure.said()), failure.retry_after),
+                Err(error) => (innermost(&error), None),
+            };
+            tries += 1;
+            let wait = self.wait(tries, asked);
+            if begun.elapsed() + wait > self.patience {
+                return Err(ClientError::Unreachable { what, tried_s: begun.elapsed().as_secs_f64(), tries, last });
+            }
+            tracing::debug!(what, last, wait_s = wait.as_secs_f64(), "trying again");
+            tokio::time::sleep(wait).await;
+        }
+    }
+
+    async fn once(
+        &self,
+        method: Method,
+        path: &str,
+        headers: &[(&str, String)],
+        body: bytes::Bytes,
+    ) -> reqwest::Result<Result<Reply, Failure>> {
+        let mut request = self.http.request(method, format!("{}{path}", self.base)).body(body);
+        for (name, value) in headers {
+            request = request.header(*name, value);
+        }
+        let response = request.send().await?;
+        let status = response.status();
+        let retry_after = response.headers().get("retry-after").and_then(|v| v.to_str().ok()?.parse().ok());
+        let body = response.bytes().await?;
+        Ok(if status.is_success() {
+            Ok(Reply { status: status.as_u16(), body })
+        } else {
+            Err(Failure { status, retry_after: retry_after.map(Duration::from_secs), body })
+        })
+    }
+
+    /// Wait after `tries` failures: doubling, between half and all of it, not less than the service asked for.
+    fn wait(&self, tries: u32, asked: Option<Duration>) -> Duration {
+        let longest = FIRST_WAIT.saturating_mul(1 << tries.min(10)).min(LONGEST_WAIT);
+        let share = match self.rng.lock() {
+            Ok(mut rng) => rng.random_range(0.5..=1.0),
+            Err(_) => 1.0, // another thread panicked: any wait will do
+        };
+        longest.mul_f64(share).max(asked.unwrap_or_default())
+    }
+}
+
+/// An answer that is no success.
+struct Failure {
+    status: StatusCode,
+    retry_after: Option<Duration>,
+    body: bytes::Bytes,
+}
+
+impl Failure {
+    /// May the same request succeed later?
+    fn temporary(&self) -> bool {
+        self.status.is_server_error() && self.status != StatusCode::NOT_IMPLEMENTED
+            || matches!(self.status.as_u16(), 408 | 425 | 429)
+    }
+
+    fn problem(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or(Value::Null)
+    }
+
+    fn said(&self) -> String {
+        let problem = self.problem();
+        match (problem["title"].as_str(), problem["detail"].as_str()) {
+            (Some(title), Some(detail)) => format!("{title}: {detail}"),
+            (Some(text), None) | (None, Some(text)) => text.to_owned(),
+            (None, None) => String::from_utf8_lossy(&self.body).chars().take(200).collect(),
+        }
+    }
+
+    fn refused(self, what: String) -> ClientError {
+        ClientError::Refused { what, status: self.status.as_u16(), said: self.said(), problem: self.problem() }
+    }
+}
+
+/// reqwest wraps causes several times; the innermost says what happened.
+fn innermost(error: &reqwest::Error) -> String {
+    let mut cause: &dyn std::error::Error = error;
+    while let Some(source) = cause.source() {
+        cause = source;
+    }
+    cause.to_string()
+}

@@ -1,0 +1,190 @@
+//! The real program, killed without warning.
+
+use crate::helpers::{Caller, SENSOR_PX, png, png_of, rope};
+use ropescope::simulate::{Recipe, Scene, write_acquisition};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_ropescope");
+
+/// `ropescope serve` as a process of its own, killed when dropped.
+struct Process {
+    child: Child,
+    base: String,
+}
+
+impl Process {
+    fn start(data: &Path) -> Self {
+        let mut child = Command::new(PROGRAM)
+            .args(["serve", "--listen", "127.0.0.1:0", "--data"])
+            .arg(data)
+            .env("RUST_LOG", "warn")
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let base = line.trim().strip_prefix("listening on ").unwrap_or_else(|| panic!("{line:?}")).to_owned();
+        Self { child, base }
+    }
+
+    /// SIGKILL: no handler runs, nothing is flushed.
+    fn kill(&mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn token(data: &Path) -> String {
+    let output =
+        Command::new(PROGRAM).args(["token", "create", "--role", "admin", "--data"]).arg(data).output().unwrap();
+    String::from_utf8(output.stdout).unwrap().lines().last().unwrap().to_owned()
+}
+
+fn caller(process: &Process, token: &str) -> Caller {
+    ropescope::tls::install();
+    Caller { client: reqwest::Client::new(), base: process.base.clone(), token: Some(token.to_owned()) }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_acknowledged_frame_survives_kill_9() {
+    let data = tempfile::tempdir().unwrap();
+    let token = token(data.path());
+    let mut process = Process::start(data.path());
+    let admin = caller(&process, &token);
+    let rope = admin.rope().await;
+    let id = admin.acquisition(&rope, &[Some(400)]).await;
+    let acknowledged = Arc::new(Mutex::new(Vec::new()));
+    let next = Arc::new(AtomicUsize::new(0));
+    let senders: Vec<_> = (0..6)
+        .map(|_| {
+            let (admin, id, acknowledged, next) = (admin.clone(), id.clone(), acknowledged.clone(), next.clone());
+            tokio::spawn(async move {
+                loop {
+                    let n = next.fetch_add(1, Ordering::SeqCst) as u32;
+                    if n >= 400 {
+                        return;
+                    }
+                    let path = format!("acquisitions/{id}/views/0/frames/{n}");
+                    match admin.request("PUT", &path).body(png_of(SENSOR_PX, 500, n as u8)).send().await {
+                        Ok(answer) if answer.status() == 201 => acknowledged.lock().unwrap().push(n),
+                        Ok(answer) => panic!("{}", answer.status()),
+                        Err(_) => return, // the service is dead
+                    }
+                }
+            })
+        })
+        .collect();
+    while acknowledged.lock().unwrap().len() < 60 {
+        tokio::time::sleep(Duration::from_millis(2)).await;
+    }
+    process.kill();
+    for sender in senders {
+        sender.await.unwrap();
+    }
+    let acknowledged = acknowledged.lock().unwrap().clone();
+    assert!((60..400).contains(&acknowledged.len()), "{}", acknowledged.len());
+
+    let process = Process::start(data.path());
+    let admin = caller(&process, &token);
+    for n in &acknowledged {
+        let back = admin.get(&format!("acquisitions/{id}/views/0/frames/{n}")).await;
+        assert_eq!(back.status, 200, "frame {n} was acknowledged and is gone");
+        assert!(back.bytes == png_of(SENSOR_PX, 500, *n as u8), "frame {n} came back changed");
+    }
+    // Nothing half-done is left, and the upload goes on where it was: frames are there or not, never twice.
+    assert_eq!(std::fs::read_dir(data.path().join("uploads")).unwrap().count(), 0);
+    let present = admin.get(&format!("acquisitions/{id}")).await.ok(200)["frames_present"].as_u64().unwrap() as usize;
+    let files = std::fs::read_dir(data.path().join(format!("frames/{id}/0"))).unwrap().count();
+    assert_eq!(files, present);
+    assert!(present >= acknowledged.len());
+    for n in 0..400 {
+        let answer = admin.put_frame(&id, 0, n, png_of(SENSOR_PX, 500, n as u8)).await;
+        assert!([200, 201].contains(&answer.status));
+    }
+    admin.post(&format!("acquisitions/{id}/completion"), json!({})).await.ok(200);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_service_says_where_it_listens_and_goes_down_in_order() {
+    let data = tempfile::tempdir().unwrap();
+    let token = token(data.path());
+    let mut process = Process::start(data.path());
+    let admin = caller(&process, &token);
+    let id = admin.acquisition(&admin.rope().await, &[Some(1)]).await;
+    admin.put_frame(&id, 0, 0, png(0)).await.ok(201);
+    let pid = process.child.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+    assert!(process.child.wait().unwrap().success());
+    assert_eq!(std::fs::read_dir(data.path().join("instances")).unwrap().count(), 0);
+}
+
+/// Uploads a simulated acquisition and returns its id. Fields that no two runs share are left out of what is compared.
+async fn upload(admin: &Caller, folder: &Path) -> String {
+    let file: Value = serde_json::from_slice(&std::fs::read(folder.join("rope.json")).unwrap()).unwrap();
+    let mut body = rope(&admin.ropeway().await);
+    for key in ["strands", "wires_per_strand", "rope_diameter_mm", "strand_lay_mm", "wire_lay_mm"] {
+        body["design"][key] = file[key].clone();
+    }
+    let rope = admin.post("ropes", body).await.ok(201)["id"].clone();
+    let views: Vec<Value> =
+        file["views"].as_array().unwrap().iter().map(|v| json!({ "angle_deg": v["angle_deg"] })).collect();
+    let body = json!({ "rope_id": rope, "line_pitch_mm": file["line_pitch_mm"], "sensor_px": file["sensor_px"], "views": views });
+    let id = admin.post("acquisitions", body).await.ok(201)["id"].as_str().unwrap().to_owned();
+    let mut counts = Vec::new();
+    for (v, view) in file["views"].as_array().unwrap().iter().enumerate() {
+        let mut n = 0;
+        while let Ok(bytes) =
+            std::fs::read(folder.join(view["folder"].as_str().unwrap()).join(format!("frame_{n:06}.png")))
+        {
+            admin.put_frame(&id, v as u32, n, bytes).await.ok(201);
+            n += 1;
+        }
+        counts.push(json!({ "frames": n }));
+    }
+    admin.post(&format!("acquisitions/{id}/completion"), json!({ "views": counts })).await.ok(200);
+    id
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_job_killed_with_its_process_ends_with_the_same_result_as_an_undisturbed_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = Recipe { metres: 2.0, view_angles_deg: vec![0.0], ..Recipe::photographic() };
+    write_acquisition(&Scene::new(&recipe, 7).unwrap(), folder.path(), |_| {}).unwrap();
+    let data = tempfile::tempdir().unwrap();
+    let token = token(data.path());
+    let mut process = Process::start(data.path());
+    let admin = caller(&process, &token);
+    let acquisition = upload(&admin, folder.path()).await;
+    let undisturbed = admin.run(json!({ "kind": "inspect", "acquisition_id": acquisition })).await;
+    let job = admin.post("jobs", json!({ "kind": "inspect", "acquisition_id": acquisition })).await.ok(202);
+    let id = job["id"].as_str().unwrap().to_owned();
+    admin.reached(&id, "running").await;
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    process.kill();
+
+    let process = Process::start(data.path());
+    let admin = caller(&process, &token);
+    let disturbed = admin.ended(&id).await;
+    assert_eq!(disturbed["state"], "succeeded", "{disturbed}");
+    let mut tables = Vec::new();
+    for job in [&undisturbed, &disturbed] {
+        let inspection = job["result"]["inspection_id"].as_str().unwrap();
+        tables.push(admin.get(&format!("inspections/{inspection}/lay-lengths?format=csv")).await.text());
+    }
+    assert!(tables[0] == tables[1], "the results differ");
+    let all = admin.get("inspections").await.ok(200);
+    assert_eq!(all["items"].as_array().unwrap().len(), 2, "the job was neither lost nor doubled");
+}
