@@ -17,6 +17,7 @@ use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use serde::Serialize;
 use serde_json::json;
+use std::path::Path as FilePath;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
@@ -166,16 +167,29 @@ async fn keep(app: &App, arrived: Arrived<Acquisition>, view: u32, frame: u32) -
 
 /// Header first, then the whole image: a header that lies about its size costs no memory, a truncated file is found now and
 /// not by a job tomorrow.
-fn check(path: &std::path::Path, sensor_px: u32) -> Result<(u32, &'static str), SourceError> {
-    let (width, lines) = source::dimensions(path)?;
+fn check(path: &FilePath, sensor_px: u32) -> Result<(u32, &'static str), SourceError> {
+    let from_png = png_header(path);
+    let (width, lines) = match from_png {
+        Some(size) => size,
+        None => source::dimensions(path)?,
+    };
+    if width > MAX_SENSOR_PX || lines > MAX_FRAME_LINES || u64::from(width) * u64::from(lines) > MAX_FRAME_PIXELS {
+        return Err(SourceError::TooLarge { path: path.into(), width, height: lines });
+    }
     if width != sensor_px {
         return Err(SourceError::WrongWidth { path: path.into(), width, sensor_px });
     }
     source::decode(path)?;
-    let mut magic = [0_u8; 4];
-    let png = std::fs::File::open(path).and_then(|mut f| std::io::Read::read_exact(&mut f, &mut magic)).is_ok()
-        && magic == *b"\x89PNG";
-    Ok((lines, if png { "image/png" } else { "image/tiff" }))
+    Ok((lines, if from_png.is_some() { "image/png" } else { "image/tiff" }))
+}
+
+/// Width and height that the first 24 bytes of a PNG promise. Read here, because a decoder also wants the chunks up to the
+/// first pixels, and a file cut before them shall still hear that it is too large or too wide.
+fn png_header(path: &FilePath) -> Option<(u32, u32)> {
+    let mut head = [0_u8; 24];
+    std::fs::File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut head)).ok()?;
+    let number = |at: usize| u32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+    (head.starts_with(b"\x89PNG\r\n\x1a\n") && &head[12..16] == b"IHDR").then(|| (number(16), number(20)))
 }
 
 /// The problem of a frame that is none. Paths of ours stay with us.

@@ -137,7 +137,7 @@ impl From<Stretch> for LayLength {
 pub fn range_m(from_m: Option<f64>, to_m: Option<f64>, span: Option<(f64, f64)>) -> Result<(f64, f64), Problem> {
     for (name, value) in [("from_m", from_m), ("to_m", to_m)] {
         if let Some(value) = value
-            && !(value.abs() <= 1e7)
+            && (!value.is_finite() || value.abs() > 1e7)
         {
             return Err(Problem::outside(name, value, -1e7, 1e7));
         }

@@ -1,5 +1,7 @@
 //! The service over real HTTP, each test with its own data folder and port.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on says where")]
+
 mod access;
 mod acquisitions;
 mod contract;

@@ -34,7 +34,7 @@ async fn pages_follow_each_other_without_gap_or_repeat() {
     assert_eq!(names, ["4", "3", "2", "1", "0"]);
     let problem = app.admin.get("ropeways?limit=201").await.problem(422, "out-of-range");
     assert_eq!((&problem["value"], &problem["limit"]["max"]), (&json!(201.0), &json!(200.0)));
-    app.admin.get("ropeways?cursor=nonsense").await.problem(400, "malformed-query");
+    app.admin.get("ropeways?cursor=nonsense").await.problem(422, "out-of-range");
 }
 
 #[tokio::test]
