@@ -47,7 +47,7 @@ def fuzz(tally, name, service, token, config, options):
     done = subprocess.run(
         [SCHEMATHESIS, "--config-file", path, "run", f"{service.url}/openapi.json", "--header", f"Authorization: Bearer {token}",
          "--checks", "all", "--continue-on-failure", "--workers", "2", "--request-timeout", "30", "--no-color", *options],
-        stdin=subprocess.DEVNULL, capture_output=True, text=True,
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, cwd=service.folder,
     )
     tested = int((re.search(r"Tested: (\d+)", done.stdout) or [0, 0])[1])
     failing = set(re.findall(r"^_{3,} (.+?) _{3,}$", done.stdout, re.M))
