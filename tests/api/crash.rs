@@ -159,7 +159,6 @@ async fn upload(admin: &Caller, folder: &Path) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-#[ignore = "needs the pipeline: remove this line when `inspect` measures"]
 async fn a_job_killed_with_its_process_ends_with_the_same_result_as_an_undisturbed_one() {
     let folder = tempfile::tempdir().unwrap();
     let recipe = Recipe { metres: 2.0, view_angles_deg: vec![0.0], ..Recipe::photographic() };
