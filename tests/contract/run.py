@@ -28,6 +28,11 @@ expected-statuses = ["2xx", "3xx", 401, 403, 404, 409, 415, 422]
 [[operations]]
 include-name = "POST /api/v1/jobs"
 checks.positive_data_acceptance.expected-statuses = ["2xx", 400, 401, 403, 404, 409, 415, 422]
+
+# It does not keep to the pattern of this header either.
+[[operations]]
+include-name = "PUT /api/v1/acquisitions/{id}/views/{view}/frames/{frame}"
+checks.positive_data_acceptance.expected-statuses = ["2xx", "3xx", 400, 401, 403, 404, 409, 413, 415, 422]
 """
 
 
@@ -46,8 +51,8 @@ def fuzz(tally, name, service, token, config, options):
     path.write_text(COMMON + config)
     done = subprocess.run(
         [SCHEMATHESIS, "--config-file", path, "run", f"{service.url}/openapi.json", "--header", f"Authorization: Bearer {token}",
-         "--checks", "all", "--continue-on-failure", "--workers", "2", "--request-timeout", "30", "--no-color", *options],
-        stdin=subprocess.DEVNULL, capture_output=True, text=True,
+         "--checks", "all", "--continue-on-failure", "--workers", "1", "--request-timeout", "30", "--no-color", *options],
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, cwd=service.folder,
     )
     tested = int((re.search(r"Tested: (\d+)", done.stdout) or [0, 0])[1])
     failing = set(re.findall(r"^_{3,} (.+?) _{3,}$", done.stdout, re.M))

@@ -40,7 +40,7 @@ pub(super) async fn draw(
     let metres = truth.lines as f64 * truth.pitch_m;
     let per_view = STRIP * 2 + BAR * 2 + 6 + VIEW_GAP;
     let overview_height = per_view * truth.views as i64 + 40;
-    let close_height = if found.is_empty() { 0 } else { CLOSE_HEIGHT * 2 + 100 };
+    let close_height = if found.is_empty() { 0 } else { CLOSE_HEIGHT * 2 + 40 };
     let height = HEAD + overview_height + close_height + MARGIN;
     let mut canvas = Canvas::new((LENGTH + 2 * MARGIN) as u32, height as u32, PAPER);
     head(&mut canvas, metres, found.len(), truth.planted().len());
@@ -253,6 +253,5 @@ mod tests {
             let dots = picture.pixels().filter(|p| p.0 == colour).count();
             assert!(dots > 300, "{colour:?}: {dots}");
         }
-        picture.save(std::env::temp_dir().join("ropescope-demo-test.png")).unwrap();
     }
 }
