@@ -8,9 +8,10 @@ use crate::vision::aligner::AlignedStretch;
 use crate::vision::camera::Camera;
 use crate::vision::defects::{AlarmBuilder, Defect, merge};
 use crate::vision::estimates::Estimates;
-use crate::vision::evidence::{Evidence, PLACES_PER_WIRE, block_lines, place_of};
+use crate::vision::evidence::{PLACES_PER_WIRE, block_lines, place_of};
 use crate::vision::image::GrayImage;
-use crate::vision::scoring::{StretchScores, score};
+use crate::vision::inspection_model::AlignedView;
+use crate::vision::scoring::StretchScores;
 use crate::vision::stretch::ViewStretch;
 use crate::vision::surface_map::SurfaceMap;
 use rayon::prelude::*;
@@ -57,10 +58,15 @@ impl<'a> Detection<'a> {
                 if !view.usable() {
                     return (None, blank());
                 }
-                let learnt = &model.views[v];
-                let evidence =
-                    Evidence::gather(rope, &cameras[v], estimates, view, &learnt.appearance, block_lines(pitch_mm));
-                let scores = score(&evidence, &learnt.calibration, pitch_mm);
+                let aligned = AlignedView {
+                    rope,
+                    camera: &cameras[v],
+                    estimates,
+                    view,
+                    block_lines: block_lines(pitch_mm),
+                    pitch_mm,
+                };
+                let scores = model.views[v].score(aligned.evidence(&model.views[v]), pitch_mm);
                 builder.add(stretch.first_line, stretch.lines, &scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
                     alarmed_columns(rope, &cameras[v], estimates, view, &scores, block, threshold as f32)
                 });

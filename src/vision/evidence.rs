@@ -8,6 +8,7 @@ use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::histogram::Histogram;
+use super::residuals::{Factor, Residuals};
 use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::SurfaceMap;
@@ -99,6 +100,27 @@ impl Evidence {
             });
         }
         Self { block_lines, blocks, strands, places, sums, counts }
+    }
+
+    /// Scores a further factor of the appearance at every place of the unrolled rope.
+    pub fn of_factor(residuals: &Residuals, factor: Factor, appearance: &Appearance, pitch_mm: f64) -> Self {
+        let len = residuals.blocks * residuals.strands * residuals.places;
+        let (mut sums, mut counts) = (vec![0.0f32; len], vec![0.0f32; len]);
+        residuals.for_each(factor, pitch_mm, |at, cell, bin| {
+            let score = appearance.score(cell, bin);
+            if score.is_finite() {
+                sums[at] = score;
+                counts[at] = 1.0;
+            }
+        });
+        Self {
+            block_lines: residuals.block_lines,
+            blocks: residuals.blocks,
+            strands: residuals.strands,
+            places: residuals.places,
+            sums,
+            counts,
+        }
     }
 
     /// Sums over a filter about every cell: (sum of scores, number of pixels).

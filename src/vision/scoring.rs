@@ -107,23 +107,28 @@ pub struct StretchScores {
     pub places: usize,
 }
 
-/// Scores the evidence of a stretch under all filters.
-pub fn score(evidence: &Evidence, calibration: &[FilterCalibration], pitch_mm: f64) -> StretchScores {
-    let row = evidence.strands * evidence.places;
-    let mut cells = vec![f32::NAN; evidence.blocks * row];
-    for (filter, calibration) in FILTERS.into_iter().zip(calibration) {
-        for (cell, (sum, pixels)) in cells.iter_mut().zip(evidence.filtered(filter, pitch_mm)) {
-            if let Some(score) = calibration.score(sum, pixels) {
-                *cell = cell.max(score); // f32::max takes the number where the other is NaN
+/// Scores the evidence of a stretch, one entry a factor, under all filters: the rarest finding counts.
+pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> StretchScores {
+    let Some((first, _)) = factors.first() else {
+        return StretchScores { cells: Vec::new(), blocks: Vec::new(), peaks: Vec::new(), block_lines: 1, places: 1 };
+    };
+    let row = first.strands * first.places;
+    let mut cells = vec![f32::NAN; first.blocks * row];
+    for (evidence, calibration) in factors {
+        for (filter, calibration) in FILTERS.into_iter().zip(*calibration) {
+            for (cell, (sum, pixels)) in cells.iter_mut().zip(evidence.filtered(filter, pitch_mm)) {
+                if let Some(score) = calibration.score(sum, pixels) {
+                    *cell = cell.max(score); // f32::max takes the number where the other is NaN
+                }
             }
         }
     }
-    let mut blocks = Vec::with_capacity(evidence.blocks);
-    let mut peaks = Vec::with_capacity(evidence.blocks);
+    let mut blocks = Vec::with_capacity(first.blocks);
+    let mut peaks = Vec::with_capacity(first.blocks);
     for block in cells.chunks_exact(row) {
         let best = block.iter().enumerate().filter(|(_, s)| s.is_finite()).max_by(|a, b| a.1.total_cmp(b.1));
         blocks.push(best.map_or(f32::NAN, |(_, &s)| s));
-        peaks.push(best.map_or((0, 0), |(at, _)| (at / evidence.places, at % evidence.places)));
+        peaks.push(best.map_or((0, 0), |(at, _)| (at / first.places, at % first.places)));
     }
-    StretchScores { cells, blocks, peaks, block_lines: evidence.block_lines, places: evidence.places }
+    StretchScores { cells, blocks, peaks, block_lines: first.block_lines, places: first.places }
 }
