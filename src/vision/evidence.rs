@@ -28,12 +28,13 @@ pub struct Filter {
 }
 
 /// The filters. One wire wide for what happens to single wires, wider for what happens to the surface.
-pub const FILTERS: [Filter; 5] = [
+pub const FILTERS: [Filter; 6] = [
     Filter { length_mm: 1.5, wires: 1.0 },
     Filter { length_mm: 4.0, wires: 1.0 },
     Filter { length_mm: 12.0, wires: 1.0 },
     Filter { length_mm: 40.0, wires: 1.0 },
     Filter { length_mm: 8.0, wires: 3.0 },
+    Filter { length_mm: 25.0, wires: 3.0 },
 ];
 
 /// Sums of scores of a stretch in one view, `[(block * strands + strand) * places + place]`.
