@@ -1,5 +1,7 @@
 //! The walls of the house (ARCHITECTURE.md): what a folder may name. A violation is reported as file:line with the reason.
 
+#![expect(clippy::unwrap_used, reason = "a failed expectation of a test may panic")]
+
 use std::fmt;
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,7 @@
 //! The laptop's client against the real service, over links that fail.
 
+#![expect(clippy::unwrap_used, reason = "a failed expectation of a test may panic")]
+
 use axum::extract::{Request, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};

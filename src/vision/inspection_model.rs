@@ -9,6 +9,7 @@ use super::residuals::{Factor, Residuals};
 use super::rope::Rope;
 use super::scoring::{CalibrationSums, FilterCalibration, StretchScores, score};
 use super::stretch::ViewStretch;
+use super::surface_map::SurfaceMap;
 
 /// The factors beside the gray value, in the order in which they are stored.
 pub const FACTORS: [Factor; 2] = [Factor::Contrast, Factor::Roughness];
@@ -50,6 +51,11 @@ impl AlignedView<'_> {
     /// First pass: adds the gray values to the histogram of eq. 18.
     pub fn learn_gray(&self, histogram: &mut Histogram) {
         evidence::learn(self.rope, self.camera, self.estimates, self.view, histogram);
+    }
+
+    /// Maps its lines to the surface of the rope.
+    pub fn surface_map(&self) -> SurfaceMap<'_> {
+        SurfaceMap::new(self.rope, self.camera, self.estimates, self.view.image.width())
     }
 
     fn residuals(&self, gray: &Appearance) -> Residuals {

@@ -1,6 +1,8 @@
 //! The fast way to the wires (unwrapping and tracking) against the paper's (eq. 14), both against the truth, on ropes drawn by
 //! image synthesis: regular helices, gray noise, a swinging axis, contours from the model with their own noise.
 
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use ropescope::vision::aligner::{AlignedStretch, Aligner, AlignerSpec, Stretch};
 use ropescope::vision::camera::Camera;
 use ropescope::vision::contour::Contours;
@@ -10,8 +12,6 @@ use ropescope::vision::strand::StrandHelix;
 use ropescope::vision::synthesis::{Raster, gray_image, synthesise};
 use ropescope::vision::wire::WireHelix;
 use ropescope::vision::wire_alignment::{StrandPixels, ViewLines};
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 
 const PITCH_MM: f64 = 0.2;
 const WIDTH_PX: usize = 420;
@@ -95,7 +95,10 @@ fn check(strands: usize, wires: usize, strand_lay_mm: f64, wire_lay_mm: f64) {
         let found = estimates.fused.strand.expect("the strands are in the image");
         eprintln!("strand {:.4} sd {:.4}", found.lay_mm - drawn.strand.lay_length_mm, found.lay_sd_mm);
         for (j, wire) in estimates.fused.wires.iter().enumerate() {
-            let Some(wire) = wire else { eprintln!("{j} none"); continue };
+            let Some(wire) = wire else {
+                eprintln!("{j} none");
+                continue;
+            };
             eprintln!("  {j} {:.4} sd {:.4}", wire.lay_mm - drawn.wires[j].lay_length_mm, wire.lay_sd_mm);
         }
         let view = ViewLines {
@@ -118,14 +121,24 @@ fn check(strands: usize, wires: usize, strand_lay_mm: f64, wire_lay_mm: f64) {
                     *p = found.phase_rad + rate * (x - middle_mm) + j as f64 * rope.strand_step_rad();
                 }
             });
-            if seen.length_mm() < 60.0 { continue }
-            let Some(reference) = seen.align_wires((0.8 * wire_lay_mm, 1.2 * wire_lay_mm)) else { eprintln!("  {j} ref none"); continue };
+            if seen.length_mm() < 60.0 {
+                continue;
+            }
+            let Some(reference) = seen.align_wires((0.8 * wire_lay_mm, 1.2 * wire_lay_mm)) else {
+                eprintln!("  {j} ref none");
+                continue;
+            };
             let step = rope.wire_step_rad();
             let off = |a: f64| a - (a / step).round() * step;
             let truth = drawn.wires[j].phase_rad(rope, 0, middle_mm);
             let fast = estimates.fused.wires[j].map_or(f64::NAN, |w| w.phase_rad);
-            eprintln!("  {j} ref {:.4} score {:.3} phase {:.4} fast {:.4}", reference.wire.lay_length_mm - drawn.wires[j].lay_length_mm, reference.score,
-              off(reference.wire.phase_rad(rope, 0, middle_mm) - truth), off(fast - truth));
+            eprintln!(
+                "  {j} ref {:.4} score {:.3} phase {:.4} fast {:.4}",
+                reference.wire.lay_length_mm - drawn.wires[j].lay_length_mm,
+                reference.score,
+                off(reference.wire.phase_rad(rope, 0, middle_mm) - truth),
+                off(fast - truth)
+            );
             compared += 1;
         }
     }
