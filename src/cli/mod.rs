@@ -2,11 +2,17 @@
 
 mod demo;
 mod evaluate;
+mod given_contours;
 mod healthcheck;
 mod inspect;
+mod inspect_report;
 mod logs;
+mod recording;
+mod results_out;
+mod run_progress;
 mod serve;
 mod simulate;
+mod time_left;
 mod token;
 mod train;
 mod upload;
@@ -14,6 +20,7 @@ mod upload_progress;
 mod worker;
 
 use clap::{Parser, Subcommand};
+use ropescope::pipeline::PipelineError;
 use std::process::ExitCode;
 
 /// Inspects stranded wire ropes with line cameras: lay lengths, defects, likelihood maps.
@@ -38,7 +45,7 @@ enum Command {
     Healthcheck(healthcheck::HealthcheckArgs),
 }
 
-/// Runs the command. Exit codes: 0 done, 1 failed, 2 wrong arguments (clap's).
+/// Runs the command. Exit codes: 0 done, 1 failed, 2 wrong arguments (clap's), 130 stopped by Ctrl-C.
 pub(crate) fn run() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Serve(args) => serve::run(args),
@@ -54,9 +61,24 @@ pub(crate) fn run() -> ExitCode {
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
+        Err(error) if matches!(error.downcast_ref(), Some(PipelineError::Cancelled)) => {
+            eprintln!("ropescope: stopped; nothing was written");
+            ExitCode::from(run_progress::INTERRUPTED)
+        }
         Err(error) => {
-            eprintln!("ropescope: {error:#}");
+            eprintln!("ropescope: {}", in_one_line(&error));
             ExitCode::FAILURE
         }
     }
+}
+
+/// An error and its causes. A cause that the error above already quotes is not said again.
+fn in_one_line(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.ends_with(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }

@@ -1,5 +1,6 @@
 //! How an upload shows where it stands: a bar on a terminal, plain lines elsewhere, JSON for scripts.
 
+use super::time_left::time_left;
 use indicatif::{ProgressBar, ProgressStyle};
 use ropescope::upload::{Plan, Report, Tick};
 use serde_json::json;
@@ -94,11 +95,7 @@ impl Watcher {
 }
 
 fn sentence(tick: Tick) -> String {
-    let left = match tick.seconds_left() {
-        Some(s) if s >= 3600.0 => format!(", {:.1} h left", s / 3600.0),
-        Some(s) if s >= 60.0 => format!(", {:.0} min left", s / 60.0),
-        Some(s) if s >= 1.0 => format!(", {s:.0} s left"),
-        _ => String::new(),
-    };
+    let left = tick.seconds_left().map(time_left).filter(|words| !words.is_empty());
+    let left = left.map_or_else(String::new, |words| format!(", {words}"));
     format!("{}/{} frames, {:.1} MB/s{left}", tick.held, tick.frames, tick.mb_per_second())
 }

@@ -6,7 +6,7 @@ use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{choose_id, created};
 use super::{Problem, times};
 use crate::app::App;
-use crate::pipeline::acquisition::{AcquisitionError, MAX_VIEWS, RopeFile, ViewFile};
+use crate::pipeline::acquisition::{AcquisitionError, MAX_VIEWS};
 use crate::store::acquisitions::{self, Completion, Deletion, MissingFrames};
 use crate::store::{Id, ropes};
 use axum::extract::State;
@@ -220,32 +220,8 @@ impl From<MissingFrames> for MissingView {
     }
 }
 
-/// The `rope.json` that an acquisition amounts to; its check is the check of an acquisition.
-pub fn rope_file(rope: &ropes::Design, acquisition: &acquisitions::NewAcquisition) -> RopeFile {
-    RopeFile {
-        strands: rope.strands as usize,
-        wires_per_strand: rope.wires_per_strand as usize,
-        rope_diameter_mm: rope.rope_diameter_mm,
-        strand_lay_mm: rope.strand_lay_mm,
-        wire_lay_mm: rope.wire_lay_mm,
-        strand_diameter_mm: rope.strand_diameter_mm,
-        wire_diameter_mm: rope.wire_diameter_mm,
-        line_pitch_mm: acquisition.line_pitch_mm,
-        rope_width_px: acquisition.rope_width_px,
-        sensor_px: acquisition.sensor_px,
-        views: (0..)
-            .zip(&acquisition.views)
-            .map(|(v, (angle_deg, _)): (u32, _)| ViewFile { folder: format!("view{v}"), angle_deg: *angle_deg })
-            .collect(),
-        start_m: Some(acquisition.start_m),
-        ropeway: None,
-        rope: None,
-        acquired_at: None,
-    }
-}
-
 fn check(rope: &ropes::Rope, new: &acquisitions::NewAcquisition) -> Result<(), Problem> {
-    match rope_file(&rope.design, new).validate() {
+    match new.rope_file(&rope.design).validate() {
         Ok(_) => {}
         Err(AcquisitionError::OutOfRange { quantity, value, min, max }) => {
             return Err(Problem::outside(quantity, value, min, max));

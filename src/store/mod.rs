@@ -14,6 +14,7 @@ pub mod lay_lengths;
 pub mod leases;
 pub mod models;
 pub mod outbox;
+mod rope_file;
 pub mod ropes;
 pub mod ropeways;
 pub mod tokens;

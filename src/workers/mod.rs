@@ -4,7 +4,7 @@
 
 pub mod engine;
 mod failure;
-mod results_folder;
+pub mod results_folder;
 mod run;
 mod watch;
 

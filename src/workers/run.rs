@@ -5,10 +5,8 @@ use super::failure::Failure;
 use super::results_folder;
 use super::watch::{Stop, Watch};
 use crate::app::App;
-use crate::http::acquisitions::rope_file;
 use crate::pipeline::results::{LineScoreFormat, Summary};
 use crate::pipeline::{self, FrameFiles, InspectOptions, PipelineError, TrainOptions};
-use crate::store::acquisitions::NewAcquisition;
 use crate::store::inspections::NewInspection;
 use crate::store::jobs::Job;
 use crate::store::leases::Lease;
@@ -130,20 +128,7 @@ async fn gather(app: &App, job: &Job) -> Result<Input, NoOutput> {
             frames.iter().map(|f| app.store.folder().frame(f.acquisition_id, f.view, f.frame, &f.sha256)).collect(),
         );
     }
-    let row = &acquisition.row;
-    let file = rope_file(
-        &rope.design,
-        &NewAcquisition {
-            id: row.id,
-            rope_id: row.rope_id,
-            line_pitch_mm: row.line_pitch_mm,
-            sensor_px: row.sensor_px,
-            rope_width_px: row.rope_width_px,
-            start_m: row.start_m,
-            acquired_at_ms: row.acquired_at_ms,
-            views: acquisition.views.iter().map(|v| (v.angle_deg, v.frames_expected)).collect(),
-        },
-    );
+    let file = acquisition.rope_file(&rope.design);
     let checked = file.validate().map_err(|error| {
         NoOutput::Failed(Failure::of_pipeline(&PipelineError::Acquisition(error), &app.settings.data))
     })?;
