@@ -15,6 +15,7 @@ pub mod image;
 mod lock;
 pub mod model_contour;
 pub mod registration;
+pub mod render;
 pub mod rope;
 pub mod scoring;
 pub mod simplex;
