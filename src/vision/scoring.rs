@@ -109,7 +109,8 @@ pub struct StretchScores {
     pub places: usize,
 }
 
-/// Scores the evidence of a stretch, one entry a factor, under all filters: the rarest finding counts.
+/// Scores the evidence of a stretch, one entry a factor, under all filters: the rarest finding counts,
+/// supported by what other factors find at the same place.
 pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> StretchScores {
     let Some((first, _)) = factors.first() else {
         return StretchScores {
@@ -123,14 +124,27 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
     };
     let row = first.strands * first.places;
     let mut cells = vec![f32::NAN; first.blocks * row];
+    let mut support = vec![0.0f32; cells.len()];
     for (evidence, calibration) in factors {
+        let mut factor = vec![f32::NAN; cells.len()];
         for (filter, calibration) in FILTERS.into_iter().zip(*calibration) {
-            for (cell, (sum, pixels)) in cells.iter_mut().zip(evidence.filtered(filter, pitch_mm)) {
+            for (cell, (sum, pixels)) in factor.iter_mut().zip(evidence.filtered(filter, pitch_mm)) {
                 if let Some(score) = calibration.score(sum, pixels) {
                     *cell = cell.max(score); // f32::max takes the number where the other is NaN
                 }
             }
         }
+        for ((cell, support), score) in cells.iter_mut().zip(&mut support).zip(factor) {
+            if score.is_finite() {
+                // The lesser of the two supports the greater, as far as it is unusual itself.
+                let lesser = if cell.is_nan() { f32::NEG_INFINITY } else { cell.min(score) };
+                *support += SUPPORT * (lesser - USUAL).max(0.0);
+                *cell = cell.max(score);
+            }
+        }
+    }
+    for (cell, support) in cells.iter_mut().zip(&support) {
+        *cell += support;
     }
     let seen = first.filtered(SEEN, pitch_mm).iter().map(|(_, pixels)| *pixels > 0.0).collect();
     let mut scores = StretchScores {
@@ -145,6 +159,10 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
     scores
 }
 
+/// What an unusual finding of one factor adds to a greater one of another: factors share pixels, so they are not independent.
+const SUPPORT: f32 = 0.5;
+/// Score up to which a finding is usual: one place in ten has it.
+const USUAL: f32 = 1.0;
 /// Reach about a place within which a pixel makes it seen.
 const SEEN: Filter = Filter { length_mm: 2.5, wires: 0.6 };
 /// What another view's score counts where this view sees the place, but too obliquely to judge as well.
