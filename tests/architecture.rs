@@ -1,5 +1,7 @@
 //! The walls of the house (ARCHITECTURE.md): what a folder may name. A violation is reported as file:line with the reason.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on says where")]
+
 use std::fmt;
 use std::path::{Path, PathBuf};
 
