@@ -8,6 +8,7 @@ use crate::vision::appearance::Appearance;
 use crate::vision::evidence::{Evidence, block_lines};
 use crate::vision::histogram::Histogram;
 use crate::vision::inspection_model::{AlignedView, FACTORS, ViewAppearance};
+use crate::vision::scoring::{StretchScores, join_views};
 use crate::vision::threshold::for_budget;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -106,15 +107,25 @@ pub fn train(
     let evidence: Vec<_> = evidence.into_iter().map(|(_, stretches)| stretches).collect();
     let too_little = || PipelineError::TooLittleRope { aligned_m, needed_m: 2.0 * LEAST_M };
     let mut learnt = learnt;
-    let mut block_scores: Vec<f32> = Vec::new();
     let held_back_stretches = evidence.first().map_or(0, Vec::len);
+    let mut scored: Vec<Vec<Option<StretchScores>>> = Vec::new(); // [view][stretch]
     for (view, stretches) in learnt.iter_mut().zip(evidence) {
         if !view.calibrate(&stretches, pitch_mm) {
             return Err(too_little());
         }
-        block_scores
-            .extend(stretches.into_par_iter().map(|s| view.score(s, pitch_mm).blocks).collect::<Vec<_>>().concat());
+        scored.push(stretches.into_par_iter().map(|s| Some(view.score(s, pitch_mm))).collect());
     }
+    // As in an inspection, views share what they see. (A view that missed a stretch is out of step: then each stands alone.)
+    if scored.iter().all(|stretches| stretches.len() == held_back_stretches) {
+        for stretch in 0..held_back_stretches {
+            let mut views: Vec<Option<StretchScores>> = scored.iter_mut().map(|view| view[stretch].take()).collect();
+            join_views(&mut views, acquisition.rope.strands());
+            for (view, joined) in scored.iter_mut().zip(views) {
+                view[stretch] = joined;
+            }
+        }
+    }
+    let block_scores: Vec<f32> = scored.iter().flatten().flatten().flat_map(|s| s.blocks.iter().copied()).collect();
     let blocks_per_100m = views as f64 * 1e5 / (block_lines(pitch_mm) as f64 * pitch_mm);
     let threshold = for_budget(&block_scores, blocks_per_100m, BUDGET_PER_100M).ok_or_else(too_little)?;
     let report = TrainReport {

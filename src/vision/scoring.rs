@@ -164,9 +164,22 @@ const SUPPORT: f32 = 0.5;
 /// Score up to which a finding is usual: one place in ten has it.
 const USUAL: f32 = 1.0;
 /// Reach about a place within which a pixel makes it seen.
-const SEEN: Filter = Filter { length_mm: 2.5, wires: 0.6 };
+const SEEN: Filter = Filter { length_mm: 4.0, wires: 2.0 };
 /// What another view's score counts where this view sees the place, but too obliquely to judge as well.
-const OTHER_VIEW_SHARE: f32 = 0.9;
+const OTHER_VIEW_SHARE: f32 = 0.95;
+
+/// Blocks to either side that a block's score is settled with.
+const SETTLING_BLOCKS: usize = 6;
+
+/// Half of every score, half of the mean about it: the highest of many places jumps from block to block by chance, defects last.
+fn settled(blocks: &[f32]) -> Vec<f32> {
+    let around = |k: usize| {
+        let near = &blocks[k.saturating_sub(SETTLING_BLOCKS)..(k + SETTLING_BLOCKS + 1).min(blocks.len())];
+        let (sum, n) = near.iter().filter(|s| s.is_finite()).fold((0.0, 0.0), |(s, n), b| (s + b, n + 1.0));
+        sum / n
+    };
+    blocks.iter().enumerate().map(|(k, &score)| (score + around(k)) / 2.0).collect()
+}
 
 impl StretchScores {
     fn find_peaks(&mut self, row: usize) {
@@ -177,6 +190,7 @@ impl StretchScores {
             self.blocks.push(best.map_or(f32::NAN, |(_, &s)| s));
             self.peaks.push(best.map_or((0, 0), |(at, _)| (at / self.places, at % self.places)));
         }
+        self.blocks = settled(&self.blocks);
     }
 }
 
