@@ -1,6 +1,6 @@
 //! The laptop's client against the real service, over links that fail.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on says where")]
+#![expect(clippy::unwrap_used, reason = "a failed expectation of a test may panic")]
 
 use axum::extract::{Request, State};
 use axum::http::StatusCode;

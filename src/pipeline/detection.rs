@@ -7,12 +7,10 @@ use super::{Acquisition, PipelineError};
 use crate::vision::aligner::AlignedStretch;
 use crate::vision::camera::Camera;
 use crate::vision::defects::{AlarmBuilder, Defect, merge};
-use crate::vision::estimates::Estimates;
-use crate::vision::evidence::{Evidence, PLACES_PER_WIRE, block_lines, place_of};
+use crate::vision::evidence::{PLACES_PER_WIRE, block_lines, place_of};
 use crate::vision::image::GrayImage;
-use crate::vision::scoring::{StretchScores, score};
-use crate::vision::stretch::ViewStretch;
-use crate::vision::surface_map::SurfaceMap;
+use crate::vision::inspection_model::AlignedView;
+use crate::vision::scoring::{StretchScores, join_views};
 use rayon::prelude::*;
 
 /// Score at which a likelihood map turns black; 0 and less are white. One scale for every model and view.
@@ -44,36 +42,40 @@ impl<'a> Detection<'a> {
         let rope = &self.acquisition.rope;
         let pitch_mm = self.acquisition.line_pitch_mm;
         let (model, threshold) = (self.model, self.threshold);
-        let scored: Vec<(Option<StretchScores>, GrayImage)> = self
+        let aligned = |v: usize| {
+            let view = &stretch.views[v];
+            let estimates = stretch.estimates.as_ref().ok().filter(|_| view.usable())?;
+            Some(AlignedView {
+                rope,
+                camera: &cameras[v],
+                estimates,
+                view,
+                block_lines: block_lines(pitch_mm),
+                pitch_mm,
+            })
+        };
+        let mut scored: Vec<Option<StretchScores>> = (0..self.builders.len())
+            .into_par_iter()
+            .map(|v| Some(model.views[v].score(aligned(v)?.evidence(&model.views[v]), pitch_mm)))
+            .collect();
+        join_views(&mut scored, rope.strands());
+        let sensor_px = self.acquisition.sensor_px as usize;
+        let drawn: Vec<GrayImage> = self
             .builders
             .par_iter_mut()
             .enumerate()
             .map(|(v, builder)| {
-                let view = &stretch.views[v];
-                let blank = || {
-                    if maps { white(self.acquisition.sensor_px as usize, stretch.lines) } else { GrayImage::default() }
+                let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) else {
+                    return if maps { white(sensor_px, stretch.lines) } else { GrayImage::default() };
                 };
-                let Ok(estimates) = &stretch.estimates else { return (None, blank()) };
-                if !view.usable() {
-                    return (None, blank());
-                }
-                let learnt = &model.views[v];
-                let evidence =
-                    Evidence::gather(rope, &cameras[v], estimates, view, &learnt.appearance, block_lines(pitch_mm));
-                let scores = score(&evidence, &learnt.calibration, pitch_mm);
-                builder.add(stretch.first_line, stretch.lines, &scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
-                    alarmed_columns(rope, &cameras[v], estimates, view, &scores, block, threshold as f32)
+                builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
+                    alarmed_columns(&seen, scores, block, threshold as f32)
                 });
-                let map = if maps {
-                    likelihood_map(rope, &cameras[v], estimates, view, &scores)
-                } else {
-                    GrayImage::default()
-                };
-                (Some(scores), map)
+                if maps { likelihood_map(&seen, scores) } else { GrayImage::default() }
             })
             .collect();
         let mut images = Vec::new();
-        for (v, (scores, map)) in scored.into_iter().enumerate() {
+        for (v, (scores, map)) in scored.into_iter().zip(drawn).enumerate() {
             let of_line = |k: usize| scores.as_ref().map_or(f32::NAN, |s| s.blocks[k / s.block_lines]);
             self.line_scores.append(v, (0..stretch.lines).map(of_line))?;
             images.push(map);
@@ -119,18 +121,15 @@ fn white(width: usize, lines: usize) -> GrayImage {
 }
 
 fn alarmed_columns(
-    rope: &crate::vision::rope::Rope,
-    camera: &Camera,
-    estimates: &Estimates,
-    view: &ViewStretch,
+    seen: &AlignedView<'_>,
     scores: &StretchScores,
     block: usize,
     threshold: f32,
 ) -> Option<(usize, usize)> {
-    let line = (block * scores.block_lines + scores.block_lines / 2).min(view.image.lines() - 1);
+    let line = (block * scores.block_lines + scores.block_lines / 2).min(seen.view.image.lines() - 1);
     let mut columns: Option<(usize, usize)> = None;
-    let row = block * rope.strands() * scores.places;
-    SurfaceMap::new(rope, camera, estimates, view.image.width()).for_each(line, view.axis_px[line], |point| {
+    let row = block * seen.rope.strands() * scores.places;
+    seen.surface_map().for_each(line, seen.view.axis_px[line], |point| {
         let cell = row + point.strand * scores.places + place_of(point.wire_place, scores.places);
         if scores.cells[cell] > threshold {
             columns =
@@ -141,20 +140,14 @@ fn alarmed_columns(
 }
 
 /// The likelihood map of a stretch: dark is unlikely, white is usual, was not judged or is no rope.
-fn likelihood_map(
-    rope: &crate::vision::rope::Rope,
-    camera: &Camera,
-    estimates: &Estimates,
-    view: &ViewStretch,
-    scores: &StretchScores,
-) -> GrayImage {
-    let (width, lines) = (view.image.width(), view.image.lines());
-    let mut image = white(width, lines);
-    let mut map = SurfaceMap::new(rope, camera, estimates, width);
+fn likelihood_map(seen: &AlignedView<'_>, scores: &StretchScores) -> GrayImage {
+    let lines = seen.view.image.lines();
+    let mut image = white(seen.view.image.width(), lines);
+    let mut map = seen.surface_map();
     for line in 0..lines {
-        let row = line / scores.block_lines * rope.strands() * scores.places;
+        let row = line / scores.block_lines * seen.rope.strands() * scores.places;
         let target = image.line_mut(line);
-        map.for_each(line, view.axis_px[line], |point| {
+        map.for_each(line, seen.view.axis_px[line], |point| {
             let score = scores.cells[row + point.strand * scores.places + place_of(point.wire_place, scores.places)];
             if score.is_finite() {
                 target[point.column] = (255.0 * (1.0 - score / BLACK_AT_SCORE).clamp(0.0, 1.0)) as u8;

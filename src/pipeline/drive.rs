@@ -48,7 +48,7 @@ impl Drive<'_> {
             if self.progress.cancelled() {
                 return Err(PipelineError::Cancelled);
             }
-            let next = reader.next()?;
+            let next = reader.next_stretch()?;
             let last = next.is_none();
             let aligned = match next {
                 Some(stretch) => aligner.push(stretch),

@@ -4,6 +4,7 @@ use super::tables::write_error;
 use super::train::TrainReport;
 use super::{Acquisition, PipelineError};
 use crate::vision::appearance::Appearance;
+use crate::vision::inspection_model::{LearntFactor, ViewAppearance};
 use crate::vision::scoring::FilterCalibration;
 use serde::{Deserialize, Serialize};
 use std::io::{BufReader, Read, Write};
@@ -14,15 +15,6 @@ const MAGIC: &[u8] = b"ropescope model 1\n";
 const MAX_HEADER_BYTES: u32 = 1 << 20;
 /// How far the diameter of a rope may be off its model's, as a share.
 const DIAMETER_TOLERANCE: f64 = 0.02;
-
-/// What one view learnt.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ViewAppearance {
-    /// The appearance.
-    pub appearance: Appearance,
-    /// Calibration of every filter.
-    pub calibration: Vec<FilterCalibration>,
-}
 
 /// A trained model.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,9 +40,9 @@ struct Construction {
 struct Header {
     report: TrainReport,
     construction: Construction,
-    /// `[view][filter]`: shared, pixels, one_in_100, one_in_1000.
-    calibration: Vec<Vec<[f64; 4]>>,
-    /// Floats of each of the two tables of a view.
+    /// `[view][factor][filter]`: shared, pixels, one_in_100, one_in_1000.
+    calibration: Vec<Vec<Vec<[f64; 4]>>>,
+    /// Floats of each of the two tables of a factor.
     table_len: usize,
 }
 
@@ -91,9 +83,9 @@ impl Model {
             calibration: self
                 .views
                 .iter()
-                .map(|v| v.calibration.iter().map(|c| [c.shared, c.pixels, c.one_in_100, c.one_in_1000]).collect())
+                .map(|v| v.factors.iter().map(|f| f.calibration.iter().map(calibration_numbers).collect()).collect())
                 .collect(),
-            table_len: self.views.first().map_or(0, |v| v.appearance.tables().0.len()),
+            table_len: crate::vision::histogram::CELLS * crate::vision::histogram::GRAY_BINS,
         };
         let header = serde_json::to_vec(&header).map_err(|e| write_error(path)(e.into()))?;
         let mut write = || {
@@ -101,8 +93,8 @@ impl Model {
             file.write_all(&(header.len() as u32).to_le_bytes())?;
             file.write_all(&header)?;
             let mut packer = zstd::Encoder::new(&mut file, 3)?;
-            for view in &self.views {
-                let (likelihood, score) = view.appearance.tables();
+            for factor in self.views.iter().flat_map(|v| &v.factors) {
+                let (likelihood, score) = factor.appearance.tables();
                 for value in likelihood.iter().chain(score) {
                     packer.write_all(&value.to_le_bytes())?;
                 }
@@ -133,23 +125,31 @@ impl Model {
             Ok(bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
         };
         let mut views = Vec::new();
-        for calibration in &header.calibration {
-            let (likelihood, score) = (table()?, table()?);
-            let appearance = Appearance::from_tables(likelihood, score)
-                .ok_or_else(|| unusable("its tables have the wrong size".into()))?;
-            let calibration = calibration
-                .iter()
-                .map(|&[shared, pixels, one_in_100, one_in_1000]| FilterCalibration {
-                    shared,
-                    pixels,
-                    one_in_100,
-                    one_in_1000,
-                })
-                .collect();
-            views.push(ViewAppearance { appearance, calibration });
+        for view in &header.calibration {
+            let mut factors = Vec::new();
+            for calibration in view {
+                let (likelihood, score) = (table()?, table()?);
+                let appearance = Appearance::from_tables(likelihood, score)
+                    .ok_or_else(|| unusable("its tables have the wrong size".into()))?;
+                let calibration = calibration
+                    .iter()
+                    .map(|&[shared, pixels, one_in_100, one_in_1000]| FilterCalibration {
+                        shared,
+                        pixels,
+                        one_in_100,
+                        one_in_1000,
+                    })
+                    .collect();
+                factors.push(LearntFactor { appearance, calibration });
+            }
+            views.push(ViewAppearance { factors });
         }
         Ok(Self { report: header.report, construction: header.construction, views })
     }
+}
+
+fn calibration_numbers(c: &FilterCalibration) -> [f64; 4] {
+    [c.shared, c.pixels, c.one_in_100, c.one_in_1000]
 }
 
 fn read_header(path: &Path) -> Result<(Header, BufReader<std::fs::File>), PipelineError> {

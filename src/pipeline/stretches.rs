@@ -108,7 +108,7 @@ impl<'a> StretchReader<'a> {
     }
 
     /// The next stretch; `None` at the end. A short rest is joined to the last stretch.
-    pub fn next(&mut self) -> Result<Option<Stretch>, SourceError> {
+    pub fn next_stretch(&mut self) -> Result<Option<Stretch>, SourceError> {
         if self.next_line >= self.end_line {
             return Ok(None);
         }

@@ -1,14 +1,13 @@
 //! Learns an appearance model from intact rope.
 
 use super::drive::Drive;
-use super::model_file::{Model, ViewAppearance};
+use super::model_file::Model;
+use super::stretches::STRETCH_LINES;
 use super::{Acquisition, FrameSource, PipelineError, Progress};
-use crate::vision::aligner::AlignedStretch;
 use crate::vision::appearance::Appearance;
-use crate::vision::camera::Camera;
-use crate::vision::evidence::{self, Evidence, block_lines};
+use crate::vision::evidence::{Evidence, block_lines};
 use crate::vision::histogram::Histogram;
-use crate::vision::scoring::{CalibrationSums, score};
+use crate::vision::inspection_model::{AlignedView, FACTORS, ViewAppearance};
 use crate::vision::threshold::for_budget;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -70,68 +69,54 @@ pub fn train(
     let range = options.from_m.map_or(0, line)..options.to_m.map_or(usize::MAX, line);
     let views = acquisition.view_angles_rad.len();
     let pitch_mm = acquisition.line_pitch_mm;
-    let rope = &acquisition.rope;
 
-    // First pass: the histogram of intact rope.
     let drive = |stage| Drive { acquisition, source, range: range.clone(), given_contours: None, stage, progress };
-    let learning = drive("learn");
-    let mut reader = learning.reader()?;
-    let used = reader.range();
-    let mut histograms = vec![Histogram::default(); views];
-    let mut learnt_view_m = 0.0;
-    let mut numbered = 0;
-    learning.run(&mut reader, |stretch, cameras| {
-        let held_back = held_back(numbered);
-        numbered += 1;
-        if !held_back {
-            learnt_view_m += learn(acquisition, &stretch, cameras, &mut histograms);
-        }
-        Ok(())
-    })?;
+    let used = drive("learn").reader()?.range();
+
+    // First pass: gray values of intact rope.
+    let mut gray = vec![Histogram::default(); views];
+    let learnt_view_m =
+        each_view(&drive("learn"), &mut gray, |k| !held_back(k), |aligned, histogram| aligned.learn_gray(histogram))?;
     let aligned_m = learnt_view_m / views as f64;
     if aligned_m < LEAST_M {
         return Err(PipelineError::TooLittleRope { aligned_m, needed_m: LEAST_M });
     }
-    let appearances: Vec<Appearance> = histograms.par_iter().map(Appearance::learn).collect();
-    drop(histograms);
+    let gray: Vec<Appearance> = gray.par_iter().map(Appearance::learn).collect();
 
-    // Second pass: evidence of what was held back.
-    let calibrating = drive("calibrate");
-    let mut evidence: Vec<Vec<Evidence>> = vec![Vec::new(); views];
-    let mut numbered = 0;
-    calibrating.run(&mut calibrating.reader()?, |stretch, cameras| {
-        let wanted = held_back(numbered) && evidence[0].len() < MOST_HELD_BACK;
-        numbered += 1;
-        if let (true, Ok(estimates)) = (wanted, &stretch.estimates) {
-            let gathered: Vec<Option<Evidence>> = (0..views)
-                .into_par_iter()
-                .map(|v| {
-                    let view = &stretch.views[v];
-                    let gather =
-                        || Evidence::gather(rope, &cameras[v], estimates, view, &appearances[v], block_lines(pitch_mm));
-                    view.usable().then(gather)
-                })
-                .collect();
-            for (all, one) in evidence.iter_mut().zip(gathered) {
-                all.extend(one);
-            }
+    // Second pass: the further factors, relative to the gray that is expected.
+    let mut factors: Vec<(&Appearance, [Histogram; FACTORS.len()])> =
+        gray.iter().map(|g| (g, Default::default())).collect();
+    each_view(
+        &drive("learn more"),
+        &mut factors,
+        |k| !held_back(k),
+        |aligned, (gray, histograms)| {
+            aligned.learn_factors(gray, histograms);
+        },
+    )?;
+    let learnt: Vec<ViewAppearance> = factors.par_iter().map(|(g, h)| ViewAppearance::new((*g).clone(), h)).collect();
+
+    // Third pass: evidence of what was held back, for calibration and threshold.
+    let mut evidence: Vec<(&ViewAppearance, Vec<Vec<Evidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
+    each_view(&drive("calibrate"), &mut evidence, held_back, |aligned, (model, stretches)| {
+        if stretches.len() < MOST_HELD_BACK {
+            stretches.push(aligned.evidence(model));
         }
-        Ok(())
     })?;
-    let mut learnt = Vec::new();
+    let evidence: Vec<_> = evidence.into_iter().map(|(_, stretches)| stretches).collect();
+    let too_little = || PipelineError::TooLittleRope { aligned_m, needed_m: 2.0 * LEAST_M };
+    let mut learnt = learnt;
     let mut block_scores: Vec<f32> = Vec::new();
-    for (appearance, evidence) in appearances.into_iter().zip(&evidence) {
-        let mut sums = CalibrationSums::default();
-        evidence.iter().for_each(|e| sums.add(e, pitch_mm));
-        let calibration =
-            sums.calibrate().ok_or(PipelineError::TooLittleRope { aligned_m, needed_m: 2.0 * LEAST_M })?;
+    let held_back_stretches = evidence.first().map_or(0, Vec::len);
+    for (view, stretches) in learnt.iter_mut().zip(evidence) {
+        if !view.calibrate(&stretches, pitch_mm) {
+            return Err(too_little());
+        }
         block_scores
-            .extend(evidence.par_iter().map(|e| score(e, &calibration, pitch_mm).blocks).collect::<Vec<_>>().concat());
-        learnt.push(ViewAppearance { appearance, calibration });
+            .extend(stretches.into_par_iter().map(|s| view.score(s, pitch_mm).blocks).collect::<Vec<_>>().concat());
     }
     let blocks_per_100m = views as f64 * 1e5 / (block_lines(pitch_mm) as f64 * pitch_mm);
-    let threshold = for_budget(&block_scores, blocks_per_100m, BUDGET_PER_100M)
-        .ok_or(PipelineError::TooLittleRope { aligned_m, needed_m: 2.0 * LEAST_M })?;
+    let threshold = for_budget(&block_scores, blocks_per_100m, BUDGET_PER_100M).ok_or_else(too_little)?;
     let report = TrainReport {
         construction: acquisition.construction(),
         from_m: acquisition.position_m(used.start),
@@ -140,7 +125,7 @@ pub fn train(
         threshold: threshold.line_score,
         threshold_origin: format!(
             "{:.1} m of held-back intact rope, exponential tail, {BUDGET_PER_100M} false defects per 100 m",
-            evidence[0].len() as f64 * 0.2
+            held_back_stretches as f64 * STRETCH_LINES as f64 * pitch_mm / 1000.0
         ),
         seconds: started.elapsed().as_secs_f64(),
         notes: Vec::new(),
@@ -153,20 +138,33 @@ fn held_back(number: usize) -> bool {
     number % HELD_BACK_EVERY == HELD_BACK_EVERY - 1
 }
 
-/// Adds a stretch to the histograms of its views; answers the metres times views that were learnt from.
-fn learn(acquisition: &Acquisition, stretch: &AlignedStretch, cameras: &[Camera], histograms: &mut [Histogram]) -> f64 {
-    let Ok(estimates) = &stretch.estimates else { return 0.0 };
-    let used: Vec<f64> = histograms
-        .par_iter_mut()
-        .enumerate()
-        .map(|(v, histogram)| {
-            let view = &stretch.views[v];
-            if !view.usable() {
-                return 0.0;
-            }
-            evidence::learn(&acquisition.rope, &cameras[v], estimates, view, histogram);
-            stretch.lines as f64 * acquisition.line_pitch_mm / 1000.0
-        })
-        .collect();
-    used.iter().sum()
+/// Aligns the range and hands every usable view of the stretches that are `wanted` (by number) to `take`, with what that view
+/// gathers; all views at once. Answers the metres times views that were taken.
+fn each_view<T: Send>(
+    drive: &Drive<'_>,
+    gathered: &mut [T],
+    wanted: impl Fn(usize) -> bool,
+    take: impl Fn(AlignedView<'_>, &mut T) + Sync,
+) -> Result<f64, PipelineError> {
+    let pitch_mm = drive.acquisition.line_pitch_mm;
+    let rope = &drive.acquisition.rope;
+    let mut taken_view_m = 0.0;
+    let mut number = 0;
+    drive.run(&mut drive.reader()?, |stretch, cameras| {
+        let wanted = wanted(number);
+        number += 1;
+        if let (true, Ok(estimates)) = (wanted, &stretch.estimates) {
+            let usable = stretch.views.iter().filter(|v| v.usable()).count();
+            taken_view_m += usable as f64 * stretch.lines as f64 * pitch_mm / 1000.0;
+            gathered.par_iter_mut().enumerate().for_each(|(v, gathered)| {
+                let view = &stretch.views[v];
+                if view.usable() {
+                    let block_lines = block_lines(pitch_mm);
+                    take(AlignedView { rope, camera: &cameras[v], estimates, view, block_lines, pitch_mm }, gathered);
+                }
+            });
+        }
+        Ok(())
+    })?;
+    Ok(taken_view_m)
 }

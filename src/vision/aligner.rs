@@ -543,7 +543,7 @@ pub(super) fn learn_template(spec: &AlignerSpec, views: &mut Views, seen: &Measu
             sums.fade(0.9);
             let angle = model.camera.angle_rad;
             sums.add(rope, &view.image, &view.axis_px, 2 * LINE_STRIDE, |line| {
-                reference.mean_phase_rad(line as f64) - angle
+                reference.average_phase_rad(rope, line) - angle
             });
             if let Some(template) = super::template::Template::new(rope, &model.camera, sums) {
                 model.template = Some(template);

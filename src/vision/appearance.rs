@@ -4,7 +4,7 @@ use super::histogram::{CELLS, DISTANCE_BINS, GRAY_BINS, Histogram, SIGMA_BINS, S
 use super::image::GrayImage;
 
 /// Observations that a cell needs (after smoothing) before it is judged.
-const LEAST_OBSERVATIONS: f32 = 60.0;
+const LEAST_OBSERVATIONS: f32 = 30.0;
 /// epsilon of eq. 22, in units of a uniform density over gray.
 const EPSILON: f32 = 0.05;
 /// Cells of neighbouring phases that make a region R_k of eq. 21: strand bins x wire bins; distances are kept together.
@@ -75,6 +75,8 @@ pub struct Appearance {
     likelihood: Vec<f32>,
     /// Anomaly score of every cell and gray value; NaN in cells that were not seen often enough.
     score: Vec<f32>,
+    /// Expected gray bin of every cell; NaN in cells that were not seen often enough.
+    expected: Vec<f32>,
 }
 
 impl Appearance {
@@ -133,13 +135,16 @@ impl Appearance {
                 }
             }
         }
-        Self { likelihood, score }
+        Self { expected: expected(&likelihood), likelihood, score }
     }
 
     /// Restores a model from its tables. `None` if their sizes are not those of this version.
     pub fn from_tables(likelihood: Vec<f32>, score: Vec<f32>) -> Option<Self> {
-        (likelihood.len() == CELLS * GRAY_BINS && score.len() == CELLS * GRAY_BINS)
-            .then_some(Self { likelihood, score })
+        (likelihood.len() == CELLS * GRAY_BINS && score.len() == CELLS * GRAY_BINS).then(|| Self {
+            expected: expected(&likelihood),
+            likelihood,
+            score,
+        })
     }
 
     /// The tables that [`Self::from_tables`] restores: likelihood and score.
@@ -153,10 +158,27 @@ impl Appearance {
         self.score[cell * GRAY_BINS + usize::from(gray_bin)]
     }
 
+    /// Expected gray bin (middle of a bin is at + 0.5) at a surface cell; NaN where the model cannot tell.
+    #[inline]
+    pub fn expected(&self, cell: usize) -> f32 {
+        self.expected[cell]
+    }
+
     /// p(g|theta) over the gray bins at a surface cell, in units of a uniform density.
     pub fn likelihood(&self, cell: usize) -> &[f32] {
         &self.likelihood[cell * GRAY_BINS..(cell + 1) * GRAY_BINS]
     }
+}
+
+fn expected(likelihood: &[f32]) -> Vec<f32> {
+    likelihood
+        .chunks_exact(GRAY_BINS)
+        .map(|p| {
+            let total: f32 = p.iter().sum();
+            let mean: f32 = p.iter().enumerate().map(|(gray, p)| (gray as f32 + 0.5) * p).sum();
+            if total > 0.0 { mean / total } else { f32::NAN }
+        })
+        .collect()
 }
 
 fn region_cells(strand_region: usize, wire_region: usize) -> impl Iterator<Item = usize> {

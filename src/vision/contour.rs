@@ -172,10 +172,46 @@ impl EdgeTracker {
     }
 }
 
+/// How far the body of the rope differs from both margins: the median over the middle half of the columns, all lines averaged.
+fn body_contrast(image: &GrayImage) -> f32 {
+    let width = image.width();
+    let mut mean = vec![0.0f32; width];
+    let rows: Vec<usize> = (0..image.lines()).step_by(SEARCH_EVERY).collect();
+    for &row in &rows {
+        for (m, &gray) in mean.iter_mut().zip(image.line(row)) {
+            *m += f32::from(gray) / rows.len() as f32;
+        }
+    }
+    let margin = (width / 40).max(4);
+    let margins = mean[..margin].iter().chain(&mean[width - margin..]).sum::<f32>() / (2 * margin) as f32;
+    let mut differences: Vec<f32> = mean[width / 4..3 * width / 4].iter().map(|m| (m - margins).abs()).collect();
+    let middle = differences.len() / 2;
+    *differences.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Half width of the running median over the extracted edges, in lines: single lines flicker where an edge is hardly lit.
+const MEDIAN_LINES: usize = 4;
+
+fn median_filtered(edges: &[f32]) -> Vec<f32> {
+    let mut window = Vec::with_capacity(2 * MEDIAN_LINES + 1);
+    (0..edges.len())
+        .map(|k| {
+            if edges[k].is_nan() {
+                return f32::NAN;
+            }
+            window.clear();
+            let near = &edges[k.saturating_sub(MEDIAN_LINES)..(k + MEDIAN_LINES + 1).min(edges.len())];
+            window.extend(near.iter().copied().filter(|e| e.is_finite()));
+            let middle = window.len() / 2;
+            *window.select_nth_unstable_by(middle, f32::total_cmp).1
+        })
+        .collect()
+}
+
 /// Both edges of the widest thing in a line that differs from the line's own margins.
 ///
 /// Answers lower edge, upper edge and how far the body of the rope differs from the background.
-fn coarse_edges(image: &GrayImage, line: usize, hint_px: Option<f64>) -> Option<(f32, f32, f32)> {
+fn coarse_edges(image: &GrayImage, line: usize, body: f32, hint_px: Option<f64>) -> Option<(f32, f32, f32)> {
     let width = image.width();
     let from = line.saturating_sub(SEARCH_EVERY / 2);
     let to = (from + SEARCH_EVERY).min(image.lines());
@@ -201,11 +237,6 @@ fn coarse_edges(image: &GrayImage, line: usize, hint_px: Option<f64>) -> Option<
     };
     let (left, left_variance) = side(0..margin);
     let (right, right_variance) = side(width - margin..width);
-    // The body: what the middle half of the image differs from both margins, typically.
-    let mut differences: Vec<f32> =
-        (width / 4..3 * width / 4).map(|c| (mean[c] - (left + right) / 2.0).abs()).collect();
-    let middle = differences.len() / 2;
-    let body = *differences.select_nth_unstable_by(middle, f32::total_cmp).1;
     let step = |inward: isize| {
         // Walk inward with a background that follows slow gradients but not an edge.
         let (mut background, mut variance) = if inward > 0 { (left, left_variance) } else { (right, right_variance) };
@@ -237,11 +268,15 @@ pub fn extract(image: &GrayImage, hint_px: Option<f64>) -> Contours {
     let mut lower = EdgeTracker::new(1);
     let mut upper = EdgeTracker::new(-1);
     let mut contours = Contours::default();
+    if image.width() < 32 || image.lines() == 0 {
+        return contours;
+    }
+    let body = body_contrast(image);
     for row in 0..image.lines() {
         let line = image.line(row);
         if row > 0
             && row % CHECK_EVERY == 0
-            && let Some((l, u, body)) = coarse_edges(image, row, hint_px)
+            && let Some((l, u, body)) = coarse_edges(image, row, body, hint_px)
         {
             lower.check(l, body);
             upper.check(u, body);
@@ -250,7 +285,7 @@ pub fn extract(image: &GrayImage, hint_px: Option<f64>) -> Contours {
             // Lost one edge: look for both again, for they lend each other plausibility.
             (lower.locked, upper.locked) = (false, false);
             (lower.missed, upper.missed) = (SEARCH_EVERY, SEARCH_EVERY);
-            let edges = coarse_edges(image, row, hint_px);
+            let edges = coarse_edges(image, row, body, hint_px);
             contours.lower_px.push(lower.follow(line, || edges.map(|e| (e.0, e.2))));
             contours.upper_px.push(upper.follow(line, || edges.map(|e| (e.1, e.2))));
         } else {
@@ -258,6 +293,8 @@ pub fn extract(image: &GrayImage, hint_px: Option<f64>) -> Contours {
             contours.upper_px.push(upper.follow(line, || None));
         }
     }
+    contours.lower_px = median_filtered(&contours.lower_px);
+    contours.upper_px = median_filtered(&contours.upper_px);
     if let Some(hint_px) = hint_px {
         for (l, u) in contours.lower_px.iter_mut().zip(&mut contours.upper_px) {
             if f64::from(*u - *l) < 0.6 * hint_px {
@@ -266,4 +303,62 @@ pub fn extract(image: &GrayImage, hint_px: Option<f64>) -> Contours {
         }
     }
     contours
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bright or dark band between `lower` and `upper` (sub-pixel) on a background, edges blurred over a pixel.
+    fn band(
+        lines: usize,
+        edges: impl Fn(usize) -> (f64, f64),
+        background: u8,
+        rope: impl Fn(usize) -> u8,
+    ) -> GrayImage {
+        let mut pixels = Vec::new();
+        for k in 0..lines {
+            let (lower, upper) = edges(k);
+            for c in 0..200 {
+                let inside =
+                    ((c as f64 - lower + 0.5).clamp(0.0, 1.0) * (upper - c as f64 + 0.5).clamp(0.0, 1.0)).max(0.0);
+                let gray = f64::from(background) + inside * (f64::from(rope(c)) - f64::from(background));
+                pixels.push((gray + ((k * 31 + c * 17) % 3) as f64) as u8);
+            }
+        }
+        GrayImage::new(200, pixels).unwrap()
+    }
+
+    #[test]
+    fn follows_edges_to_a_fraction_of_a_pixel_on_dark_and_bright_backgrounds() {
+        let edges = |k: usize| (30.0 + 5.0 * (k as f64 / 60.0).sin(), 160.0 + 4.0 * (k as f64 / 45.0).cos());
+        for (background, rope) in [(8u8, 120u8), (210, 90)] {
+            let contours = extract(&band(600, edges, background, |_| rope), None);
+            let error = |found: &[f32], truth: &dyn Fn(usize) -> f64| {
+                (20..600).map(|k| (f64::from(found[k]) - truth(k)).abs()).fold(0.0, f64::max)
+            };
+            assert!(contours.found() > 0.98);
+            assert!(error(&contours.lower_px, &|k| edges(k).0) < 0.8);
+            assert!(error(&contours.upper_px, &|k| edges(k).1) < 0.8);
+        }
+    }
+
+    #[test]
+    fn a_shelf_of_stray_light_beside_the_rope_is_not_its_edge() {
+        let image = band(400, |_| (40.0, 150.0), 8, |_| 100);
+        let mut pixels = image.pixels().to_vec();
+        for row in pixels.chunks_exact_mut(200) {
+            row[151..175].iter_mut().for_each(|g| *g = (*g).max(18));
+        }
+        let contours = extract(&GrayImage::new(200, pixels).unwrap(), None);
+        assert!(contours.upper_px[50..].iter().all(|u| (u - 150.0).abs() < 2.0));
+    }
+
+    #[test]
+    fn constant_gray_and_noise_show_no_rope() {
+        let flat = GrayImage::new(200, vec![90; 200 * 300]).unwrap();
+        assert_eq!(extract(&flat, Some(150.0)).found(), 0.0);
+        let noise = (0..200 * 300).map(|k: u32| (k.wrapping_mul(2_654_435_761) >> 27) as u8).collect();
+        assert!(extract(&GrayImage::new(200, noise).unwrap(), Some(150.0)).found() < 0.05);
+    }
 }

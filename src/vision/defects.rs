@@ -168,6 +168,7 @@ mod tests {
     fn blocks_over_the_threshold_form_alarms_across_stretches() {
         let scores = |blocks: Vec<f32>| StretchScores {
             cells: Vec::new(),
+            seen: Vec::new(),
             peaks: vec![(1, 7); blocks.len()],
             blocks,
             block_lines: 5,

@@ -13,7 +13,8 @@ pub fn axis_px(lower_px: f64, upper_px: f64, model_lower_px: f64, model_upper_px
 /// Column of the axis at every line, robustly smoothed over `smooth_lines` lines; NaN only if no line shows the rope.
 ///
 /// The paper corrects every line by its own contours; a single wire end then shifts its whole line. Ropes do not jump: over
-/// less than a strand's pitch their sideways movement is smooth, so the correction is averaged with outliers left out.
+/// less than a strand's pitch their sideways movement is smooth, so a straight line is fitted about every line,
+/// with outliers left out.
 /// `model(line)` gives the model contours (lower, upper) at a line, counted from the axis.
 pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), smooth_lines: usize) -> Vec<f32> {
     let n = contours.len();
@@ -22,7 +23,7 @@ pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), 
         let (lower, upper) = model(line);
         *axis = axis_px(f64::from(contours.lower_px[line]), f64::from(contours.upper_px[line]), lower, upper) as f32;
     }
-    // Reject what is far from the local median, then average twice with a box (a triangle in all).
+    // Reject what is far from the local median.
     let half = (smooth_lines / 2).max(1);
     let mut kept = raw.clone();
     let mut window: Vec<f32> = Vec::with_capacity(2 * half + 1);
@@ -45,26 +46,39 @@ pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), 
             }
         }
     }
-    let once = box_mean(&kept, half);
-    let mut course = box_mean(&once, half);
+    let mut course = local_lines(&kept, half);
     fill_gaps(&mut course);
     course
 }
 
-/// Mean over `half` lines to either side, skipping NaN. At the ends the window shrinks symmetrically, so that ramps stay.
-fn box_mean(values: &[f32], half: usize) -> Vec<f32> {
+/// Value at every place of the straight line fitted to `half` values on either side, skipping NaN: ramps stay ramps, also at the
+/// ends, where the window is one-sided.
+fn local_lines(values: &[f32], half: usize) -> Vec<f32> {
     let n = values.len();
-    let mut sums = vec![(0.0f64, 0u32); n + 1];
+    // Prefix sums of 1, x, x^2, y, xy.
+    let mut sums = vec![[0.0f64; 5]; n + 1];
     for (k, &v) in values.iter().enumerate() {
-        let (sum, count) = sums[k];
-        sums[k + 1] = if v.is_finite() { (sum + f64::from(v), count + 1) } else { (sum, count) };
+        let mut next = sums[k];
+        if v.is_finite() {
+            let (x, y) = (k as f64, f64::from(v));
+            for (s, term) in next.iter_mut().zip([1.0, x, x * x, y, x * y]) {
+                *s += term;
+            }
+        }
+        sums[k + 1] = next;
     }
     (0..n)
         .map(|k| {
-            let reach = half.min(k).min(n - 1 - k);
-            let (high, low) = (sums[k + reach + 1], sums[k - reach]);
-            let count = high.1 - low.1;
-            if count == 0 { f32::NAN } else { ((high.0 - low.0) / f64::from(count)) as f32 }
+            let (from, to) = (k.saturating_sub(half), (k + half + 1).min(n));
+            // A window cut at an end is lengthened on the other side, so that its mean stays as certain.
+            let (from, to) = (from.min(n.saturating_sub(2 * half + 1)), to.max((2 * half + 1).min(n)));
+            let [count, x, xx, y, xy] = std::array::from_fn(|t| sums[to][t] - sums[from][t]);
+            if count < 3.0 {
+                return f32::NAN;
+            }
+            let determinant = count * xx - x * x;
+            let slope = if determinant > 1e-6 { (count * xy - x * y) / determinant } else { 0.0 };
+            ((y - slope * x) / count + slope * k as f64) as f32
         })
         .collect()
 }

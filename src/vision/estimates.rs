@@ -238,6 +238,8 @@ fn diameter_mm(views: &Views, here: &Measured) -> Option<f64> {
             ratios.push(median / model.contour.mean_width_px());
         }
     }
-    let scale = ratios.iter().sum::<f64>() / ratios.len() as f64;
-    (!ratios.is_empty()).then(|| scale * views.diameter_mm)
+    if ratios.is_empty() {
+        return None;
+    }
+    Some(ratios.iter().sum::<f64>() / ratios.len() as f64 * views.diameter_mm)
 }

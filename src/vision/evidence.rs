@@ -8,6 +8,7 @@ use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::histogram::Histogram;
+use super::residuals::{Factor, Residuals};
 use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::SurfaceMap;
@@ -27,12 +28,13 @@ pub struct Filter {
 }
 
 /// The filters. One wire wide for what happens to single wires, wider for what happens to the surface.
-pub const FILTERS: [Filter; 5] = [
+pub const FILTERS: [Filter; 6] = [
     Filter { length_mm: 1.5, wires: 1.0 },
     Filter { length_mm: 4.0, wires: 1.0 },
     Filter { length_mm: 12.0, wires: 1.0 },
     Filter { length_mm: 40.0, wires: 1.0 },
     Filter { length_mm: 8.0, wires: 3.0 },
+    Filter { length_mm: 25.0, wires: 3.0 },
 ];
 
 /// Sums of scores of a stretch in one view, `[(block * strands + strand) * places + place]`.
@@ -99,6 +101,27 @@ impl Evidence {
             });
         }
         Self { block_lines, blocks, strands, places, sums, counts }
+    }
+
+    /// Scores a further factor of the appearance at every place of the unrolled rope.
+    pub fn of_factor(residuals: &Residuals, factor: Factor, appearance: &Appearance, pitch_mm: f64) -> Self {
+        let len = residuals.blocks * residuals.strands * residuals.places;
+        let (mut sums, mut counts) = (vec![0.0f32; len], vec![0.0f32; len]);
+        residuals.for_each(factor, pitch_mm, |at, cell, bin| {
+            let score = appearance.score(cell, bin);
+            if score.is_finite() {
+                sums[at] = score;
+                counts[at] = 1.0;
+            }
+        });
+        Self {
+            block_lines: residuals.block_lines,
+            blocks: residuals.blocks,
+            strands: residuals.strands,
+            places: residuals.places,
+            sums,
+            counts,
+        }
     }
 
     /// Sums over a filter about every cell: (sum of scores, number of pixels).

@@ -42,12 +42,15 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
     if views.models.iter().all(|m| m.template.is_none()) {
         place_cameras(spec, &mut views, gathered);
         fit_all(&spec_now, &views.models, gathered)?;
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
         first_templates(spec, &mut views, gathered);
         if spec.rope.design().strand_lay_mm.is_none() && wrong_hand(&views) {
             // The strands slant the other way: mirror the search. Contours alone could not tell.
             let lay = gathered.iter().find_map(|m| m.fit.ok()).map(|f| -TAU / f.rate_rad_per_mm)?;
             spec_now = spec.with_strand_lay(lay)?;
             fit_all(&spec_now, &views.models, gathered)?;
+            views.models.iter_mut().for_each(|m| m.template = None);
+            measure_all(spec, &mut views, gathered, &|_| unknown.clone());
             first_templates(spec, &mut views, gathered);
         }
         for _ in 0..ROUNDS {
@@ -192,7 +195,7 @@ fn first_templates(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measur
             }
             if view.usable() {
                 sums.add(&spec.rope, &view.image, &view.axis_px, LINE_STRIDE, |line| {
-                    model.camera.phase_in_view(reference.mean_phase_rad(line as f64))
+                    model.camera.phase_in_view(reference.average_phase_rad(&spec.rope, line))
                 });
             }
         }
@@ -276,7 +279,9 @@ fn calibrate_strands(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured
             }
         }
         if let Some(scale) = residual_scale(&courses) {
-            views.models[v].noise_scale *= scale.clamp(0.02, 50.0);
+            // Residuals can show that the stated variances are too small, not that they are too large: what the template
+            // and the wires' pattern share with the course, they hide.
+            views.models[v].noise_scale = (views.models[v].noise_scale * scale).clamp(1.0, 50.0);
         }
     }
 }

@@ -1,5 +1,81 @@
-//! The method of Wacker & Denzler, "Enhanced Anomaly Detection in Wire Ropes by Combining Structure and Appearance"
-//! (cited as [Wacker13]): numbers and images in, numbers and images out.
+//! The method of E.-S. Wacker and J. Denzler, "Enhanced Anomaly Detection in Wire Ropes by Combining Structure and Appearance",
+//! cited as [Wacker13]: numbers and images in, numbers and images out.
+//!
+//! Nothing here reads or writes files, waits, tells the time, draws chance it was not given or keeps global state; the same input
+//! gives the same result. `tests/architecture.rs` holds the wall.
+//!
+//! # Notation
+//!
+//! | paper | here | unit |
+//! |---|---|---|
+//! | N, M | [`Rope::strands`](rope::Rope::strands), [`Rope::wires`](rope::Rope::wires) | 1 |
+//! | diameter of the rope, strands, wires | `diameter_mm`, `strand_radius_mm` and `wire_radius_mm` (halves) | mm |
+//! | r_s, r_w | `strand_curve_radius_mm`, `wire_curve_radius_mm` | mm |
+//! | k_s = 2 pi/N, k_w = 2 pi/M | `strand_step_rad`, `wire_step_rad` | rad |
+//! | t | `x_mm`: position along the rope, lines times `pitch_mm` | mm |
+//! | p_s = (L_s, o_s) | [`StrandHelix`](strand::StrandHelix) `{ lay_length_mm, offset_rad }`, signed, + right-hand | mm, rad |
+//! | p_wj = (L_wj, o_wj) | [`WireHelix`](wire::WireHelix), against the fixed axes | mm, rad |
+//! | phi_s, phi_w (eq. 2-3) | `phase_rad` of strand j, of wire i | rad |
+//! | d (eq. 4) | [`Camera::distance_mm`](camera::Camera::distance_mm) | mm |
+//! | f/d, rescaling to the known width | [`Camera::px_per_mm`](camera::Camera::px_per_mm) | px/mm |
+//! | rc^u, rc^l | [`Contours`](contour::Contours): `upper_px`, `lower_px` | px |
+//! | mc^u, mc^l (eq. 7-8) | [`ModelContour`](model_contour::ModelContour) | px |
+//! | y^ps (eq. 10) | minus the course of `axis_px`, less its mean | px |
+//! | I_r, I_m (eq. 14) | [`GrayImage`](image::GrayImage), [`synthesise`](synthesis::synthesise) | gray, 1 |
+//! | theta = (phi_s, phi_w, d') | `cell` of a [`SurfacePoint`](surface_map::SurfacePoint); d' as a share of the wire step | 1 |
+//! | p(g, theta), Sigma (eq. 18-19) | [`Histogram::smoothed`](histogram::Histogram::smoothed), `SIGMA_BINS` | 1, bins |
+//! | p(g given theta) (eq. 20) | [`Appearance::likelihood`](appearance::Appearance::likelihood) | of uniform |
+//! | R_k, epsilon, normalised p (eq. 21-22) | `REGION_BINS`, `EPSILON`, [`Appearance::score`](appearance::Appearance::score) | 1, 1, sd |
+//!
+//! Axes: y = r sin(phase), z = -r cos(phase), x along the rope; view 0 looks along +z.
+//!
+//! # Modules in reading order
+//!
+//! The model: what a rope is, and what a camera sees of it:
+//! - [`rope`]: the rope as designed, validated, with its radii (fig. 3a)
+//! - [`strand`]: centre line of a strand (eq. 1-2)
+//! - [`wire`]: centre line of a wire (eq. 1, 3)
+//! - [`camera`]: pushbroom projection (eq. 4-5)
+//! - [`image`]: gray values, line after line
+//! - [`surface`]: which strand a column shows, and where on its surface (eq. 16)
+//! - [`model_contour`]: outline of the model rope (eq. 6-8)
+//! - [`synthesis`]: the model rope as an image
+//!
+//! Tools of the alignment:
+//! - [`simplex`]: downhill simplex
+//! - [`smoothing`]: smooth courses from scattered measurements, with their uncertainty
+//!
+//! The strands:
+//! - [`contour`]: edges of the rope in the image
+//! - [`displacement`]: sideways movement from line to line (eq. 9-12)
+//! - [`strand_alignment`]: phase and lay of all strands from the contours (eq. 13)
+//! - [`camera_distance`]: d from the shift between both contours
+//! - [`template`]: mean look of the strands
+//! - [`registration`]: each strand's own deviation, from the image
+//!
+//! The wires:
+//! - [`wire_alignment`]: the paper's way, exact and slow: the reference (eq. 14)
+//! - [`unwrapping`]: wires as stripes on the unrolled strand: the fast way
+//! - [`wire_tracking`]: the stripes followed along the rope
+//! - [`wire_pattern`]: what wires add to the look of the strands
+//!
+//! The loop: stretches in, estimates out:
+//! - [`stretch`]: a stretch of rope in all views, and what is measured in it
+//! - `lock`: finding the rope in the first stretches
+//! - [`aligner`]: stretch after stretch
+//! - [`estimates`]: lay lengths with their uncertainty, or why there are none
+//!
+//! The appearance:
+//! - [`surface_map`]: theta of every pixel (eq. 16-17)
+//! - [`histogram`]: 4-D density (eq. 18-19)
+//! - [`appearance`]: likelihood and its normalisation (eq. 20-22)
+//! - [`render`]: the model read backwards: intact rope drawn from it (fig. 10f)
+//!
+//! The defects:
+//! - [`evidence`]: scores summed along the wires
+//! - [`scoring`]: sums made comparable
+//! - [`threshold`]: where an alarm begins
+//! - [`defects`]: alarms of one cause, merged
 
 pub mod aligner;
 pub mod appearance;
@@ -12,9 +88,12 @@ pub mod estimates;
 pub mod evidence;
 pub mod histogram;
 pub mod image;
+pub mod inspection_model;
 mod lock;
 pub mod model_contour;
 pub mod registration;
+pub mod render;
+pub mod residuals;
 pub mod rope;
 pub mod scoring;
 pub mod simplex;
@@ -24,9 +103,11 @@ pub mod strand_alignment;
 pub mod stretch;
 pub mod surface;
 pub mod surface_map;
+pub mod synthesis;
 pub mod template;
 pub mod threshold;
 pub mod unwrapping;
 pub mod wire;
+pub mod wire_alignment;
 pub mod wire_pattern;
 pub mod wire_tracking;

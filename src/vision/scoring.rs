@@ -4,7 +4,7 @@
 //! vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2). The upper tail of the
 //! normalised sums is close to exponential; a score of 3 means "one in 10^3 such places on intact rope", and so on.
 
-use super::evidence::{Evidence, FILTERS};
+use super::evidence::{Evidence, FILTERS, Filter};
 
 /// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
 const LEAST_SHARE: f32 = 0.25;
@@ -66,7 +66,7 @@ impl CalibrationSums {
 
     /// Calibrates every filter. `None` if there are too few samples.
     pub fn calibrate(mut self) -> Option<Vec<FilterCalibration>> {
-        self.samples.iter_mut().map(|samples| calibrate(samples)).collect()
+        self.samples.iter_mut().map(calibrate).collect()
     }
 }
 
@@ -97,6 +97,8 @@ fn calibrate(samples: &mut Vec<(f32, f32)>) -> Option<FilterCalibration> {
 pub struct StretchScores {
     /// Highest score under any filter, `[(block * strands + strand) * places + place]`; NaN where nothing was judged.
     pub cells: Vec<f32>,
+    /// Whether any pixel of this view fell there, same order.
+    pub seen: Vec<bool>,
     /// Highest score of every block; NaN where nothing was judged.
     pub blocks: Vec<f32>,
     /// Strand and place where that highest score stands.
@@ -107,23 +109,94 @@ pub struct StretchScores {
     pub places: usize,
 }
 
-/// Scores the evidence of a stretch under all filters.
-pub fn score(evidence: &Evidence, calibration: &[FilterCalibration], pitch_mm: f64) -> StretchScores {
-    let row = evidence.strands * evidence.places;
-    let mut cells = vec![f32::NAN; evidence.blocks * row];
-    for (filter, calibration) in FILTERS.into_iter().zip(calibration) {
-        for (cell, (sum, pixels)) in cells.iter_mut().zip(evidence.filtered(filter, pitch_mm)) {
-            if let Some(score) = calibration.score(sum, pixels) {
-                *cell = cell.max(score); // f32::max takes the number where the other is NaN
+/// Scores the evidence of a stretch, one entry a factor, under all filters: the rarest finding counts,
+/// supported by what other factors find at the same place.
+pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> StretchScores {
+    let Some((first, _)) = factors.first() else {
+        return StretchScores {
+            cells: Vec::new(),
+            seen: Vec::new(),
+            blocks: Vec::new(),
+            peaks: Vec::new(),
+            block_lines: 1,
+            places: 1,
+        };
+    };
+    let row = first.strands * first.places;
+    let mut cells = vec![f32::NAN; first.blocks * row];
+    let mut support = vec![0.0f32; cells.len()];
+    for (evidence, calibration) in factors {
+        let mut factor = vec![f32::NAN; cells.len()];
+        for (filter, calibration) in FILTERS.into_iter().zip(*calibration) {
+            for (cell, (sum, pixels)) in factor.iter_mut().zip(evidence.filtered(filter, pitch_mm)) {
+                if let Some(score) = calibration.score(sum, pixels) {
+                    *cell = cell.max(score); // f32::max takes the number where the other is NaN
+                }
+            }
+        }
+        for ((cell, support), score) in cells.iter_mut().zip(&mut support).zip(factor) {
+            if score.is_finite() {
+                // The lesser of the two supports the greater, as far as it is unusual itself.
+                let lesser = if cell.is_nan() { f32::NEG_INFINITY } else { cell.min(score) };
+                *support += SUPPORT * (lesser - USUAL).max(0.0);
+                *cell = cell.max(score);
             }
         }
     }
-    let mut blocks = Vec::with_capacity(evidence.blocks);
-    let mut peaks = Vec::with_capacity(evidence.blocks);
-    for block in cells.chunks_exact(row) {
-        let best = block.iter().enumerate().filter(|(_, s)| s.is_finite()).max_by(|a, b| a.1.total_cmp(b.1));
-        blocks.push(best.map_or(f32::NAN, |(_, &s)| s));
-        peaks.push(best.map_or((0, 0), |(at, _)| (at / evidence.places, at % evidence.places)));
+    for (cell, support) in cells.iter_mut().zip(&support) {
+        *cell += support;
     }
-    StretchScores { cells, blocks, peaks, block_lines: evidence.block_lines, places: evidence.places }
+    let seen = first.filtered(SEEN, pitch_mm).iter().map(|(_, pixels)| *pixels > 0.0).collect();
+    let mut scores = StretchScores {
+        cells,
+        seen,
+        blocks: Vec::new(),
+        peaks: Vec::new(),
+        block_lines: first.block_lines,
+        places: first.places,
+    };
+    scores.find_peaks(row);
+    scores
+}
+
+/// What an unusual finding of one factor adds to a greater one of another: factors share pixels, so they are not independent.
+const SUPPORT: f32 = 0.5;
+/// Score up to which a finding is usual: one place in ten has it.
+const USUAL: f32 = 1.0;
+/// Reach about a place within which a pixel makes it seen.
+const SEEN: Filter = Filter { length_mm: 2.5, wires: 0.6 };
+/// What another view's score counts where this view sees the place, but too obliquely to judge as well.
+const OTHER_VIEW_SHARE: f32 = 0.9;
+
+impl StretchScores {
+    fn find_peaks(&mut self, row: usize) {
+        self.blocks.clear();
+        self.peaks.clear();
+        for block in self.cells.chunks_exact(row) {
+            let best = block.iter().enumerate().filter(|(_, s)| s.is_finite()).max_by(|a, b| a.1.total_cmp(b.1));
+            self.blocks.push(best.map_or(f32::NAN, |(_, &s)| s));
+            self.peaks.push(best.map_or((0, 0), |(at, _)| (at / self.places, at % self.places)));
+        }
+    }
+}
+
+/// Joins what several views say of the same places: each view takes over what another one scores higher, where it sees the
+/// place itself. A break at the edge of one view is often in the middle of the next.
+pub fn join_views(views: &mut [Option<StretchScores>], strands: usize) {
+    let Some(len) = views.iter().flatten().map(|v| v.cells.len()).max() else { return };
+    let mut best = vec![f32::NAN; len];
+    for view in views.iter().flatten() {
+        for (best, &score) in best.iter_mut().zip(&view.cells) {
+            *best = best.max(score);
+        }
+    }
+    for view in views.iter_mut().flatten() {
+        for ((cell, &seen), &best) in view.cells.iter_mut().zip(&view.seen).zip(&best) {
+            if seen && best.is_finite() {
+                *cell = cell.max(OTHER_VIEW_SHARE * best);
+            }
+        }
+        let row = strands * view.places;
+        view.find_peaks(row);
+    }
 }

@@ -92,8 +92,8 @@ pub fn minimise<const D: usize>(
             None => {
                 let best = simplex[0].0;
                 for corner in simplex.iter_mut().skip(1) {
-                    for d in 0..D {
-                        corner.0[d] = best[d] + 0.5 * (corner.0[d] - best[d]);
+                    for (value, best) in corner.0.iter_mut().zip(best) {
+                        *value = best + 0.5 * (*value - best);
                     }
                     corner.1 = evaluate(&corner.0);
                 }

@@ -12,11 +12,11 @@ use super::rope::Rope;
 use super::smoothing::Measurement;
 use super::strand_alignment::{ContourView, StrandAlignment};
 use super::template::Template;
-use super::wire_pattern::WirePattern;
+use super::wire_pattern::{WirePattern, mean_phase};
 use std::f64::consts::TAU;
 
 /// Neighbouring pixels and lines share wires: so many registered pixels count as one independent one. Refined from residuals.
-const PIXELS_PER_INDEPENDENT: f64 = 1000.0;
+const PIXELS_PER_INDEPENDENT: f64 = 4000.0;
 /// Prior standard deviation of the axis' correction by the image, in px: contours leave about this much.
 const AXIS_PRIOR_PX: f64 = 0.001;
 
@@ -85,6 +85,14 @@ impl Reference {
     /// Number of knots.
     pub fn knots(&self) -> usize {
         self.lines.div_ceil(self.knot_lines)
+    }
+
+    /// Phase of strand 0 at a line that the strands have on average, their deviations included.
+    pub fn average_phase_rad(&self, rope: &Rope, line: usize) -> f64 {
+        let mut phases = [0.0; 8];
+        let phases = &mut phases[..rope.strands()];
+        self.phases_rad(rope, line, phases);
+        mean_phase(rope, phases)
     }
 
     /// Phases of wire 0 of all strands at a line; NaN where the wires are not known.
@@ -163,27 +171,31 @@ pub fn register_views(
     models
         .par_iter()
         .zip(views)
-        .map(|(model, view)| match (&model.template, view.usable()) {
-            (Some(template), true) => {
-                let angle = model.camera.angle_rad;
-                let phases = |line: usize, out: &mut [f64]| reference.phases_rad(rope, line, out);
-                let wires = |line: usize, out: &mut [f64]| reference.wires_rad(line, out);
-                let (pattern, knot_lines) = (model.pattern.as_ref(), reference.knot_lines);
-                let mut sums =
-                    register(rope, template, pattern, angle, &view.image, &view.axis_px, knot_lines, phases, wires);
-                register_contours(
-                    rope,
-                    &model.contour,
-                    angle,
-                    &view.contours,
-                    &view.axis_px,
-                    knot_lines,
-                    phases,
-                    &mut sums,
-                );
-                sums
+        .map(|(model, view)| {
+            if !view.usable() {
+                return Vec::new();
             }
-            _ => Vec::new(),
+            let angle = model.camera.angle_rad;
+            let phases = |line: usize, out: &mut [f64]| reference.phases_rad(rope, line, out);
+            let wires = |line: usize, out: &mut [f64]| reference.wires_rad(line, out);
+            let (pattern, knot_lines) = (model.pattern.as_ref(), reference.knot_lines);
+            let mut sums = match &model.template {
+                Some(template) => {
+                    register(rope, template, pattern, angle, &view.image, &view.axis_px, knot_lines, phases, wires)
+                }
+                None => vec![KnotSums::default(); reference.knots()], // contours alone, until the template is learnt
+            };
+            register_contours(
+                rope,
+                &model.contour,
+                angle,
+                &view.contours,
+                &view.axis_px,
+                knot_lines,
+                phases,
+                &mut sums,
+            );
+            sums
         })
         .collect()
 }

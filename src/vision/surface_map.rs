@@ -11,13 +11,13 @@ use super::rope::Rope;
 use super::surface::{StrandSpan, visible_spans};
 
 /// Strand phases in view that are parametrised, to either side, in rad.
-pub const STRAND_RANGE_RAD: f64 = 1.7;
+pub const STRAND_RANGE_RAD: f64 = 1.9;
 /// Wire phases in view that are parametrised, to either side, in rad.
 pub const WIRE_RANGE_RAD: f64 = 1.8;
 /// Pixels next to the border between two strands are left out: registration errors mix both there.
-const BORDER_PX: f64 = 2.0;
+const BORDER_PX: f64 = 1.0;
 /// Surface beyond this share of the strand's half width is too foreshortened.
-const EDGE: f64 = 0.96;
+const EDGE: f64 = 0.99;
 /// Entries of the arcsine table.
 const TABLE: usize = 2048;
 

@@ -69,7 +69,6 @@ impl StripeTable {
 }
 
 /// Reads the stripes of all strands. `phases_rad` and `axis_px` as in [`super::registration::register`].
-#[expect(clippy::too_many_arguments, reason = "one pass over the image with all that is known of it")]
 pub fn read_stripes(
     rope: &Rope,
     camera: &Camera,

@@ -71,10 +71,12 @@ impl PatternSums {
                     let angle = (h + 1) as f64 * rope.wires() as f64 * (wires[j] - angle_rad);
                     let (sin, cos) = (angle.sin() as f32, angle.cos() as f32);
                     let at = (h * PHASE_BINS + bin.row) * self.width;
-                    for c in from..to {
-                        let difference = self.line[c] - expected[c];
-                        self.re[at + c] += difference * cos;
-                        self.im[at + c] += difference * sin;
+                    let (re, im) = (&mut self.re[at + from..at + to], &mut self.im[at + from..at + to]);
+                    let differences =
+                        self.line[from..to].iter().zip(&expected[from..to]).map(|(gray, mean)| gray - mean);
+                    for ((re, im), difference) in re.iter_mut().zip(im).zip(differences) {
+                        *re += difference * cos;
+                        *im += difference * sin;
                     }
                 }
                 for count in &mut self.counts[bin.row * self.width + from..bin.row * self.width + to] {

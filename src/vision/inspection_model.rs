@@ -1,0 +1,118 @@
+//! The appearance model of one view with all its factors, learnt and calibrated in three passes over intact rope.
+
+use super::appearance::Appearance;
+use super::camera::Camera;
+use super::estimates::Estimates;
+use super::evidence::{self, Evidence};
+use super::histogram::Histogram;
+use super::residuals::{Factor, Residuals};
+use super::rope::Rope;
+use super::scoring::{CalibrationSums, FilterCalibration, StretchScores, score};
+use super::stretch::ViewStretch;
+use super::surface_map::SurfaceMap;
+
+/// The factors beside the gray value, in the order in which they are stored.
+pub const FACTORS: [Factor; 2] = [Factor::Contrast, Factor::Roughness];
+
+/// One factor: its density given the surface point, and the calibration of its filters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LearntFactor {
+    /// Density and scores.
+    pub appearance: Appearance,
+    /// Calibration of every filter; empty until calibrated.
+    pub calibration: Vec<FilterCalibration>,
+}
+
+/// What one view learnt: the gray value first, then [`FACTORS`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct ViewAppearance {
+    /// The factors.
+    pub factors: Vec<LearntFactor>,
+}
+
+/// One view of an aligned stretch.
+#[derive(Debug, Clone, Copy)]
+pub struct AlignedView<'a> {
+    /// The rope.
+    pub rope: &'a Rope,
+    /// The camera of the view.
+    pub camera: &'a Camera,
+    /// What was estimated of the stretch.
+    pub estimates: &'a Estimates,
+    /// The image with its axis.
+    pub view: &'a ViewStretch,
+    /// Lines per block of the unrolled rope.
+    pub block_lines: usize,
+    /// Rope per line in mm.
+    pub pitch_mm: f64,
+}
+
+impl AlignedView<'_> {
+    /// First pass: adds the gray values to the histogram of eq. 18.
+    pub fn learn_gray(&self, histogram: &mut Histogram) {
+        evidence::learn(self.rope, self.camera, self.estimates, self.view, histogram);
+    }
+
+    /// Maps its lines to the surface of the rope.
+    pub fn surface_map(&self) -> SurfaceMap<'_> {
+        SurfaceMap::new(self.rope, self.camera, self.estimates, self.view.image.width())
+    }
+
+    fn residuals(&self, gray: &Appearance) -> Residuals {
+        Residuals::gather(self.rope, self.camera, self.estimates, self.view, gray, self.block_lines)
+    }
+
+    /// Second pass: adds the further factors, relative to the learnt gray, to their histograms.
+    pub fn learn_factors(&self, gray: &Appearance, histograms: &mut [Histogram; FACTORS.len()]) {
+        let residuals = self.residuals(gray);
+        for (factor, histogram) in FACTORS.into_iter().zip(histograms) {
+            residuals.for_each(factor, self.pitch_mm, |_, cell, bin| histogram.add(cell, usize::from(bin)));
+        }
+    }
+
+    /// Evidence of every factor.
+    pub fn evidence(&self, model: &ViewAppearance) -> Vec<Evidence> {
+        let Some((gray, factors)) = model.factors.split_first() else { return Vec::new() };
+        let mut all = vec![Evidence::gather(
+            self.rope,
+            self.camera,
+            self.estimates,
+            self.view,
+            &gray.appearance,
+            self.block_lines,
+        )];
+        let residuals = self.residuals(&gray.appearance);
+        let further = FACTORS.into_iter().zip(factors);
+        all.extend(further.map(|(f, learnt)| Evidence::of_factor(&residuals, f, &learnt.appearance, self.pitch_mm)));
+        all
+    }
+}
+
+impl ViewAppearance {
+    /// Joins the learnt factors; they are not calibrated yet.
+    pub fn new(gray: Appearance, histograms: &[Histogram]) -> Self {
+        let uncalibrated = |appearance| LearntFactor { appearance, calibration: Vec::new() };
+        let further = histograms.iter().map(Appearance::learn);
+        Self { factors: std::iter::once(gray).chain(further).map(uncalibrated).collect() }
+    }
+
+    /// Third pass: calibrates every filter of every factor on `stretches` of held-back intact rope (`[stretch][factor]`).
+    /// False if there were too few.
+    pub fn calibrate(&mut self, stretches: &[Vec<Evidence>], pitch_mm: f64) -> bool {
+        for (f, factor) in self.factors.iter_mut().enumerate() {
+            let mut sums = CalibrationSums::default();
+            stretches.iter().filter_map(|s| s.get(f)).for_each(|e| sums.add(e, pitch_mm));
+            match sums.calibrate() {
+                Some(calibration) => factor.calibration = calibration,
+                None => return false,
+            }
+        }
+        true
+    }
+
+    /// Scores the evidence of a stretch.
+    pub fn score(&self, evidence: Vec<Evidence>, pitch_mm: f64) -> StretchScores {
+        let factors: Vec<_> = evidence.into_iter().zip(self.factors.iter().map(|f| &f.calibration[..])).collect();
+        score(&factors, pitch_mm)
+    }
+}

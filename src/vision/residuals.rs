@@ -1,0 +1,139 @@
+//! How the gray of the unrolled rope deviates from what is expected, and what that says beside the single gray value.
+//!
+//! Dirt and oil change gray values over long stretches without being defects; broken ends, pits and burns change them over a
+//! millimetre. Two further factors of the appearance model therefore look along the wire: the contrast of a place against its
+//! own wire before and behind it, and the roughness of the gray there. Both are judged like the gray itself: by how likely they
+//! are on intact rope at that surface point.
+
+use super::appearance::{Appearance, GrayScale};
+use super::camera::Camera;
+use super::estimates::Estimates;
+use super::evidence::{PLACES_PER_WIRE, place_of};
+use super::histogram::GRAY_BINS;
+use super::rope::Rope;
+use super::stretch::ViewStretch;
+use super::surface_map::SurfaceMap;
+
+/// Cells of the grid that no pixel fell into.
+const UNSEEN: u32 = u32::MAX;
+
+/// Deviations of a stretch in one view on the unrolled rope, `[(block * strands + strand) * places + place]`.
+#[derive(Debug, Clone)]
+pub struct Residuals {
+    /// Lines per block.
+    pub block_lines: usize,
+    /// Blocks of the stretch.
+    pub blocks: usize,
+    /// Strands.
+    pub strands: usize,
+    /// Places per strand.
+    pub places: usize,
+    /// Mean deviation of the gray bin from its expected value; NaN where no pixel fell.
+    deviation: Vec<f32>,
+    /// Surface cell that the place shows.
+    surface_cell: Vec<u32>,
+}
+
+/// What is judged of a place, beside its gray.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Factor {
+    /// Difference of a place from its own wire, some millimetres before and behind.
+    Contrast,
+    /// Change of the deviation from block to block, averaged over a few millimetres.
+    Roughness,
+}
+
+impl Residuals {
+    /// Gathers a stretch.
+    pub fn gather(
+        rope: &Rope,
+        camera: &Camera,
+        estimates: &Estimates,
+        view: &ViewStretch,
+        gray: &Appearance,
+        block_lines: usize,
+    ) -> Self {
+        let lines = view.image.lines();
+        let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
+        let blocks = lines.div_ceil(block_lines);
+        let mut sums = vec![(0.0f32, 0.0f32); blocks * strands * places];
+        let mut surface_cell = vec![UNSEEN; sums.len()];
+        let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
+        let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
+        for line in 0..lines {
+            let (row, bins) = (view.image.line(line), scale.line(line));
+            let block = line / block_lines * strands;
+            map.for_each(line, view.axis_px[line], |point| {
+                let expected = gray.expected(point.cell);
+                if expected.is_finite() {
+                    let at = (block + point.strand) * places + place_of(point.wire_place, places);
+                    sums[at].0 += f32::from(bins[usize::from(row[point.column])]) + 0.5 - expected;
+                    sums[at].1 += 1.0;
+                    surface_cell[at] = point.cell as u32;
+                }
+            });
+        }
+        let deviation = sums.iter().map(|(s, n)| if *n > 0.0 { s / n } else { f32::NAN }).collect();
+        Self { block_lines, blocks, strands, places, deviation, surface_cell }
+    }
+
+    /// Calls `each` with (index in the grid, surface cell, bin of the factor) for every place where the factor can be told.
+    pub fn for_each(&self, factor: Factor, pitch_mm: f64, mut each: impl FnMut(usize, usize, u8)) {
+        let row = self.strands * self.places;
+        let block_mm = self.block_lines as f64 * pitch_mm;
+        let blocks_of = |mm: f64| (mm / block_mm).round().max(1.0) as usize;
+        for column in 0..row {
+            // Running sums along the wire: NaN counts as absent.
+            let at = |block: usize| block * row + column;
+            let mut sums = Vec::with_capacity(self.blocks + 1);
+            let mut squares = Vec::with_capacity(self.blocks + 1);
+            sums.push((0.0f32, 0.0f32));
+            squares.push((0.0f32, 0.0f32));
+            let mut before = f32::NAN;
+            for block in 0..self.blocks {
+                let d = self.deviation[at(block)];
+                let (s, n) = sums[block];
+                sums.push(if d.is_nan() { (s, n) } else { (s + d, n + 1.0) });
+                let change = d - before;
+                let (s, n) = squares[block];
+                squares.push(if change.is_nan() { (s, n) } else { (s + change * change, n + 1.0) });
+                before = d;
+            }
+            let mean = |sums: &[(f32, f32)], from: usize, to: usize| {
+                let (a, b) = (sums[from.min(self.blocks)], sums[to.min(self.blocks)]);
+                if b.1 - a.1 >= 1.0 { (b.0 - a.0) / (b.1 - a.1) } else { f32::NAN }
+            };
+            for block in 0..self.blocks {
+                if self.surface_cell[at(block)] == UNSEEN {
+                    continue;
+                }
+                let bin = match factor {
+                    Factor::Contrast => {
+                        let (inner, gap, outer) = (blocks_of(0.5) / 2, blocks_of(2.0), blocks_of(7.0));
+                        let here = mean(&sums, block.saturating_sub(inner), block + inner + 1);
+                        let behind = mean(&sums, block.saturating_sub(outer), block.saturating_sub(gap));
+                        let ahead = mean(&sums, block + gap + 1, block + outer + 1);
+                        let around = match (behind.is_nan(), ahead.is_nan()) {
+                            (false, false) => (behind + ahead) / 2.0,
+                            (true, _) => ahead,
+                            (_, true) => behind,
+                        };
+                        if (here - around).is_nan() {
+                            continue;
+                        }
+                        ((here - around) * 1.6 + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0)
+                    }
+                    Factor::Roughness => {
+                        let reach = blocks_of(1.5);
+                        let power = mean(&squares, block.saturating_sub(reach), block + reach + 1);
+                        if power.is_nan() {
+                            continue;
+                        }
+                        ((power + 0.01).ln() * 3.0 + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0)
+                    }
+                };
+                each(at(block), self.surface_cell[at(block)] as usize, bin as u8);
+            }
+        }
+    }
+}
