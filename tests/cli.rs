@@ -269,11 +269,13 @@ fn an_interrupt_stops_the_run_and_leaves_nothing() {
         .spawn()
         .unwrap();
     let mut line = String::new();
-    BufReader::new(child.stderr.take().unwrap()).read_line(&mut line).unwrap();
+    let mut said = BufReader::new(child.stderr.take().unwrap());
+    said.read_line(&mut line).unwrap();
     std::thread::sleep(std::time::Duration::from_millis(300)); // it listens from now on, and runs for seconds
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    let status = child.wait().unwrap();
-    assert_eq!(status.code(), Some(130));
+    let rest: Vec<String> = said.lines().map(Result::unwrap).collect();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:?}");
+    assert_eq!(rest.last().unwrap(), "ropescope: stopped; nothing was written");
     let files: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     assert!(!files.iter().any(|f| f.ends_with("interrupted.model")), "{files:?}");
 }

@@ -4,11 +4,12 @@ use super::given_contours;
 use super::inspect_report::Report;
 use super::recording::Recording;
 use super::results_out::ResultsOut;
-use super::run_progress::Watcher;
+use super::run_progress::{Watcher, say};
 use anyhow::ensure;
 use clap::ValueEnum;
 use ropescope::pipeline::results::LineScoreFormat;
 use ropescope::pipeline::{InspectOptions, inspect};
+use std::io::Write;
 use std::path::PathBuf;
 
 /// Stages of the pipeline, in order.
@@ -78,7 +79,7 @@ pub(crate) fn run(args: InspectArgs) -> anyhow::Result<()> {
         ContoursArg::Measured => None,
         ContoursArg::Given => Some(given_contours::read(&args.folder, &recording)?),
     };
-    let out = ResultsOut::prepare(&args.out, args.force)?;
+    let results = ResultsOut::prepare(&args.out, args.force)?;
     let options = InspectOptions {
         model_path: args.model,
         maps: args.maps,
@@ -88,17 +89,18 @@ pub(crate) fn run(args: InspectArgs) -> anyhow::Result<()> {
     };
     let watcher = Watcher::start(args.json, STAGES)?;
     if !args.json {
-        eprintln!("{}: {}", args.folder.display(), recording.describe());
+        say(&format!("{}: {}", args.folder.display(), recording.describe()));
     }
-    let inspected = inspect(&recording.acquisition, &recording.frames, &options, out.partial(), &watcher);
+    let inspected = inspect(&recording.acquisition, &recording.frames, &options, results.partial(), &watcher);
     watcher.done();
     let summary = inspected?;
-    out.put_in_place()?;
+    results.put_in_place()?;
     let report = Report::gather(&args.out, &recording.acquisition, summary)?;
+    let mut out = std::io::stdout().lock();
     if args.json {
-        println!("{}", serde_json::to_string(&report)?);
+        writeln!(out, "{}", serde_json::to_string(&report)?)?;
     } else {
-        print!("{report}");
+        write!(out, "{report}")?;
     }
     Ok(())
 }

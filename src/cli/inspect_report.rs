@@ -157,7 +157,7 @@ impl Report {
     fn write_gaps(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let gaps = &self.summary.not_covered;
         let length =
-            |gaps: &[ropescope::pipeline::results::NotCovered]| gaps.iter().map(|g| g.to_m - g.from_m).sum::<f64>();
+            |gaps: &[ropescope::pipeline::results::NotCovered]| gaps.iter().fold(0.0, |sum, g| sum + g.to_m - g.from_m);
         let total_m = self.summary.covered_view_m + length(gaps);
         writeln!(f, "not covered {:.2} of {total_m:.2} m, summed over the views", length(gaps))?;
         for gap in gaps.iter().take(MOST_GAPS) {

@@ -62,11 +62,11 @@ pub(crate) fn run() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if matches!(error.downcast_ref(), Some(PipelineError::Cancelled)) => {
-            eprintln!("ropescope: stopped; nothing was written");
+            run_progress::say("ropescope: stopped; nothing was written");
             ExitCode::from(run_progress::INTERRUPTED)
         }
         Err(error) => {
-            eprintln!("ropescope: {}", in_one_line(&error));
+            run_progress::say(&format!("ropescope: {}", in_one_line(&error)));
             ExitCode::FAILURE
         }
     }

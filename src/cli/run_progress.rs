@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use ropescope::pipeline::{Progress, ProgressReport};
 use ropescope::service;
 use serde_json::json;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -80,11 +80,9 @@ impl Watcher {
     fn show(&self, report: ProgressReport, speed: f64, left_s: f64) {
         let ProgressReport { stage, done_m, total_m } = report;
         if self.form == Form::Json {
-            eprintln!(
-                "{}",
-                json!({"event": "progress", "stage": stage, "done_m": done_m, "total_m": total_m,
+            say(&json!({"event": "progress", "stage": stage, "done_m": done_m, "total_m": total_m,
                        "metres_per_second": speed, "seconds_left": left_s})
-            );
+            .to_string());
             return;
         }
         let left = Some(time_left(left_s)).filter(|words| !words.is_empty()).map(|words| format!(", {words}"));
@@ -93,7 +91,7 @@ impl Watcher {
             self.bar.set_position((1000.0 * done_m / total_m.max(1e-9)) as u64);
             self.bar.set_message(sentence);
         } else {
-            eprintln!("{sentence}");
+            say(&sentence);
         }
     }
 }
@@ -127,10 +125,15 @@ impl Progress for Watcher {
     fn cancelled(&self) -> bool {
         let stop = self.interrupted.load(Ordering::Relaxed);
         if stop && !self.said_so.swap(true, Ordering::Relaxed) && self.form != Form::Json {
-            self.bar.suspend(|| eprintln!("stopping"));
+            self.bar.suspend(|| say("stopping"));
         }
         stop
     }
+}
+
+/// A line on stderr. Nobody reading any more is no reason to stop.
+pub(crate) fn say(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
 }
 
 /// Becomes true with the first Ctrl-C (or SIGTERM); the second ends the process at once.

@@ -1,11 +1,12 @@
 //! `ropescope train`.
 
 use super::recording::Recording;
-use super::run_progress::Watcher;
+use super::run_progress::{Watcher, say};
 use anyhow::{Context, bail, ensure};
 use ropescope::pipeline::train::read_report;
 use ropescope::pipeline::{TrainOptions, TrainReport, train};
 use serde_json::json;
+use std::io::Write;
 use std::path::PathBuf;
 
 /// Stages of the pipeline, in order.
@@ -51,17 +52,18 @@ pub(crate) fn run(args: TrainArgs) -> anyhow::Result<()> {
     check_range(&args, &recording)?;
     let watcher = Watcher::start(args.json, STAGES)?;
     if !args.json {
-        eprintln!("{}: {}", args.folder.display(), recording.describe());
+        say(&format!("{}: {}", args.folder.display(), recording.describe()));
     }
     let options = TrainOptions { from_m: args.from_m, to_m: args.to_m };
     let trained = train(&recording.acquisition, &recording.frames, options, &args.out, &watcher);
     watcher.done();
     let report = trained?;
     let bytes = std::fs::metadata(&args.out).with_context(|| args.out.display().to_string())?.len();
+    let mut out = std::io::stdout().lock();
     if args.json {
-        println!("{}", json!({"event": "done", "model": args.out, "bytes": bytes, "report": report}));
+        writeln!(out, "{}", json!({"event": "done", "model": args.out, "bytes": bytes, "report": report}))?;
     } else {
-        print!("{}", summary(&args, &report, recording.acquisition.view_angles_rad.len(), bytes));
+        write!(out, "{}", summary(&args, &report, recording.acquisition.view_angles_rad.len(), bytes))?;
     }
     Ok(())
 }
