@@ -1,4 +1,6 @@
 //! Known answers: ropes whose lays and phases are known, and what the method makes of their images.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on says where")]
+
 mod reference; // the fast alignment against the paper's own
 mod simulated_ropes; // folder in, errors out
