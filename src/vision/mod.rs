@@ -1,5 +1,5 @@
 //! The method of E.-S. Wacker and J. Denzler, "Enhanced Anomaly Detection in Wire Ropes by Combining Structure and Appearance",
-//! cited as [Wacker13]: numbers and images in, numbers and images out.
+//! cited as \[Wacker13\]: numbers and images in, numbers and images out.
 //!
 //! Nothing here reads or writes files, waits, tells the time, draws chance it was not given or keeps global state; the same input
 //! gives the same result. `tests/architecture.rs` holds the wall.
