@@ -46,6 +46,8 @@ pub struct CalibrationSums {
     samples: Vec<Vec<(f32, f32)>>,
 }
 
+/// Fewest samples that calibrate a filter: two at the rarest level that is read off.
+const LEAST_SAMPLES: usize = 2000;
 /// Every how many places one is kept: neighbours tell nearly the same, and memory must stay small.
 const SAMPLE_STRIDE: usize = 7;
 
@@ -71,7 +73,7 @@ impl CalibrationSums {
 }
 
 fn calibrate(samples: &mut Vec<(f32, f32)>) -> Option<FilterCalibration> {
-    if samples.len() < 5000 {
+    if samples.len() < LEAST_SAMPLES {
         return None;
     }
     let quantile = |values: &mut Vec<f32>, share: f64| {
