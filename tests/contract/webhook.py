@@ -66,5 +66,9 @@ def checks(service, defect_id):
     yield "the receiver writes its ticket back", status == 200, f"{status} {answer}"
     held = service.want("GET", f"/defects/{defect_id}")
     yield "the defect carries the ticket", (held.get("ticket") or {}).get("number") == "4711", str(held)[:300]
-    states = {d["state"] for d in service.want("GET", "/deliveries")["items"] if d["defect_id"] == defect_id}
+    for _ in range(50):  # the answer arrives at the service a moment after the post arrived here
+        states = {d["state"] for d in service.want("GET", "/deliveries")["items"] if d["defect_id"] == defect_id}
+        if states == {"delivered"}:
+            break
+        time.sleep(0.2)
     yield "the delivery is settled", states == {"delivered"}, str(states)
