@@ -67,7 +67,7 @@ def checks(service, defect_id):
     held = service.want("GET", f"/defects/{defect_id}")
     yield "the defect carries the ticket", (held.get("ticket") or {}).get("number") == "4711", str(held)[:300]
     for _ in range(50):  # the answer arrives at the service a moment after the post arrived here
-        states = {d["state"] for d in service.want("GET", "/deliveries")["items"] if d["defect_id"] == defect_id}
+        states = {d["state"] for d in service.want("GET", "/deliveries")["items"] if d["defect_id"] == defect_id and d.get("endpoint_id", endpoint["id"]) == endpoint["id"]}
         if states == {"delivered"}:
             break
         time.sleep(0.2)
