@@ -71,70 +71,39 @@ pub fn learn(rope: &Rope, camera: &Camera, estimates: &Estimates, view: &ViewStr
 }
 
 impl Evidence {
-    /// Scores every pixel of a stretch in one view and gathers the scores on the unrolled rope.
-    pub fn gather(
-        rope: &Rope,
-        camera: &Camera,
-        estimates: &Estimates,
-        view: &ViewStretch,
-        appearance: &Appearance,
-        block_lines: usize,
-    ) -> Self {
-        let lines = view.image.lines();
-        let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
-        let blocks = lines.div_ceil(block_lines);
-        let mut sums = vec![0.0f32; blocks * strands * places];
-        let mut counts = vec![0.0f32; blocks * strands * places];
-        let half_width_px = camera.px_per_mm * rope.diameter_mm() / 2.0;
-        let scale = GrayScale::new(&view.image, &view.axis_px, half_width_px);
-        let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
-        for line in 0..lines {
-            let (row, bins) = (view.image.line(line), scale.line(line));
-            let block = line / block_lines * strands;
-            map.for_each(line, view.axis_px[line], |point| {
-                let score = appearance.score(point.cell, bins[usize::from(row[point.column])]);
-                if score.is_finite() {
-                    let at = (block + point.strand) * places + place_of(point.wire_place, places);
-                    sums[at] += score;
-                    counts[at] += 1.0;
-                }
-            });
-        }
-        Self { block_lines, blocks, strands, places, sums, counts }
-    }
-
     /// Scores a further factor of the appearance at every place of the unrolled rope.
     pub fn of_factor(residuals: &Residuals, factor: Factor, appearance: &Appearance, pitch_mm: f64) -> Self {
-        let len = residuals.blocks * residuals.strands * residuals.places;
-        let (mut sums, mut counts) = (vec![0.0f32; len], vec![0.0f32; len]);
+        let mut evidence = Self::empty(residuals.block_lines, residuals.blocks, residuals.strands, residuals.places);
         residuals.for_each(factor, pitch_mm, |at, cell, bin| {
             let score = appearance.score(cell, bin);
             if score.is_finite() {
-                sums[at] = score;
-                counts[at] = 1.0;
+                evidence.add(at, score); // once a place
             }
         });
-        Self {
-            block_lines: residuals.block_lines,
-            blocks: residuals.blocks,
-            strands: residuals.strands,
-            places: residuals.places,
-            sums,
-            counts,
-        }
+        evidence
     }
 
-    /// Sums over a filter about every cell: (sum of scores, number of pixels).
-    pub fn filtered(&self, filter: Filter, pitch_mm: f64) -> Vec<(f32, f32)> {
-        let half_blocks =
-            ((filter.length_mm / (self.block_lines as f64 * pitch_mm) - 1.0) / 2.0).round().max(0.0) as usize;
-        let half_places = ((filter.wires * PLACES_PER_WIRE as f64 - 1.0) / 2.0).round().max(0.0) as usize;
-        let row = self.strands * self.places;
-        // Across the wires first: places are cyclic.
-        let mut across = vec![(0.0f32, 0.0f32); self.sums.len()];
+    /// Empty evidence of so many blocks.
+    pub(super) fn empty(block_lines: usize, blocks: usize, strands: usize, places: usize) -> Self {
+        let len = blocks * strands * places;
+        Self { block_lines, blocks, strands, places, sums: vec![0.0; len], counts: vec![0.0; len] }
+    }
+
+    /// Adds the score of one pixel.
+    #[inline]
+    pub(super) fn add(&mut self, at: usize, score: f32) {
+        self.sums[at] += score;
+        self.counts[at] += 1.0;
+    }
+
+    /// Sums across so many wires about every place: the half of a filter that filters of one width share.
+    pub fn across(&self, wires: f64) -> Across<'_> {
+        let half_places = ((wires * PLACES_PER_WIRE as f64 - 1.0) / 2.0).round().max(0.0) as usize;
+        let mut cells = vec![(0.0f32, 0.0f32); self.sums.len()];
         for strand in 0..self.blocks * self.strands {
             let at = strand * self.places;
             let (sums, counts) = (&self.sums[at..at + self.places], &self.counts[at..at + self.places]);
+            // Places are cyclic.
             let (mut s, mut n) = (0.0, 0.0);
             for k in 0..=2 * half_places {
                 let place = (k + self.places - half_places) % self.places;
@@ -142,38 +111,52 @@ impl Evidence {
                 n += counts[place];
             }
             for place in 0..self.places {
-                across[at + place] = (s, n);
+                cells[at + place] = (s, n);
                 let leave = (place + self.places - half_places) % self.places;
                 let enter = (place + half_places + 1) % self.places;
                 s += sums[enter] - sums[leave];
                 n += counts[enter] - counts[leave];
             }
         }
-        // Then along the rope: a running sum per place.
-        let mut out = vec![(0.0f32, 0.0f32); self.sums.len()];
+        Across { evidence: self, cells }
+    }
+}
+
+/// Evidence summed across the wires, still to be summed along them.
+#[derive(Debug)]
+pub struct Across<'a> {
+    evidence: &'a Evidence,
+    cells: Vec<(f32, f32)>,
+}
+
+impl Across<'_> {
+    /// Calls `each` with (index of the cell, sum of scores, number of pixels) for every cell, summed over `length_mm` about it.
+    pub fn along(&self, length_mm: f64, pitch_mm: f64, mut each: impl FnMut(usize, f32, f32)) {
+        let Evidence { block_lines, blocks, strands, places, .. } = *self.evidence;
+        let half_blocks = ((length_mm / (block_lines as f64 * pitch_mm) - 1.0) / 2.0).round().max(0.0) as usize;
+        let row = strands * places;
         let mut running = vec![(0.0f64, 0.0f64); row];
-        for block in 0..self.blocks + half_blocks {
-            if block < self.blocks {
-                for (r, a) in running.iter_mut().zip(&across[block * row..(block + 1) * row]) {
+        for block in 0..blocks + half_blocks {
+            if block < blocks {
+                for (r, a) in running.iter_mut().zip(&self.cells[block * row..(block + 1) * row]) {
                     r.0 += f64::from(a.0);
                     r.1 += f64::from(a.1);
                 }
             }
             if block > 2 * half_blocks {
                 let gone = block - 2 * half_blocks - 1;
-                for (r, a) in running.iter_mut().zip(&across[gone * row..(gone + 1) * row]) {
+                for (r, a) in running.iter_mut().zip(&self.cells[gone * row..(gone + 1) * row]) {
                     r.0 -= f64::from(a.0);
                     r.1 -= f64::from(a.1);
                 }
             }
             if block >= half_blocks {
-                let middle = block - half_blocks;
-                for (o, r) in out[middle * row..(middle + 1) * row].iter_mut().zip(&running) {
-                    *o = (r.0 as f32, r.1 as f32);
+                let middle = (block - half_blocks) * row;
+                for (k, r) in running.iter().enumerate() {
+                    each(middle + k, r.0 as f32, r.1 as f32);
                 }
             }
         }
-        out
     }
 }
 

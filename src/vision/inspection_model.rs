@@ -58,13 +58,13 @@ impl AlignedView<'_> {
         SurfaceMap::new(self.rope, self.camera, self.estimates, self.view.image.width())
     }
 
-    fn residuals(&self, gray: &Appearance) -> Residuals {
+    fn gather(&self, gray: &Appearance) -> (Evidence, Residuals) {
         Residuals::gather(self.rope, self.camera, self.estimates, self.view, gray, self.block_lines)
     }
 
     /// Second pass: adds the further factors, relative to the learnt gray, to their histograms.
     pub fn learn_factors(&self, gray: &Appearance, histograms: &mut [Histogram; FACTORS.len()]) {
-        let residuals = self.residuals(gray);
+        let (_, residuals) = self.gather(gray);
         for (factor, histogram) in FACTORS.into_iter().zip(histograms) {
             residuals.for_each(factor, self.pitch_mm, |_, cell, bin| histogram.add(cell, usize::from(bin)));
         }
@@ -73,15 +73,8 @@ impl AlignedView<'_> {
     /// Evidence of every factor.
     pub fn evidence(&self, model: &ViewAppearance) -> Vec<Evidence> {
         let Some((gray, factors)) = model.factors.split_first() else { return Vec::new() };
-        let mut all = vec![Evidence::gather(
-            self.rope,
-            self.camera,
-            self.estimates,
-            self.view,
-            &gray.appearance,
-            self.block_lines,
-        )];
-        let residuals = self.residuals(&gray.appearance);
+        let (evidence, residuals) = self.gather(&gray.appearance);
+        let mut all = vec![evidence];
         let further = FACTORS.into_iter().zip(factors);
         all.extend(further.map(|(f, learnt)| Evidence::of_factor(&residuals, f, &learnt.appearance, self.pitch_mm)));
         all

@@ -8,7 +8,7 @@
 use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
 use super::estimates::Estimates;
-use super::evidence::{PLACES_PER_WIRE, place_of};
+use super::evidence::{Evidence, PLACES_PER_WIRE, place_of};
 use super::histogram::GRAY_BINS;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
@@ -44,7 +44,7 @@ pub enum Factor {
 }
 
 impl Residuals {
-    /// Gathers a stretch.
+    /// Gathers a stretch: the evidence of the gray values themselves, and what deviates from their expectation, in one pass.
     pub fn gather(
         rope: &Rope,
         camera: &Camera,
@@ -52,29 +52,35 @@ impl Residuals {
         view: &ViewStretch,
         gray: &Appearance,
         block_lines: usize,
-    ) -> Self {
+    ) -> (Evidence, Self) {
         let lines = view.image.lines();
         let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
         let blocks = lines.div_ceil(block_lines);
         let mut sums = vec![(0.0f32, 0.0f32); blocks * strands * places];
         let mut surface_cell = vec![UNSEEN; sums.len()];
+        let mut evidence = Evidence::empty(block_lines, blocks, strands, places);
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
         let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
         for line in 0..lines {
             let (row, bins) = (view.image.line(line), scale.line(line));
             let block = line / block_lines * strands;
             map.for_each(line, view.axis_px[line], |point| {
+                let bin = bins[usize::from(row[point.column])];
+                let at = (block + point.strand) * places + place_of(point.wire_place, places);
+                let score = gray.score(point.cell, bin);
+                if score.is_finite() {
+                    evidence.add(at, score);
+                }
                 let expected = gray.expected(point.cell);
                 if expected.is_finite() {
-                    let at = (block + point.strand) * places + place_of(point.wire_place, places);
-                    sums[at].0 += f32::from(bins[usize::from(row[point.column])]) + 0.5 - expected;
+                    sums[at].0 += f32::from(bin) + 0.5 - expected;
                     sums[at].1 += 1.0;
                     surface_cell[at] = point.cell as u32;
                 }
             });
         }
         let deviation = sums.iter().map(|(s, n)| if *n > 0.0 { s / n } else { f32::NAN }).collect();
-        Self { block_lines, blocks, strands, places, deviation, surface_cell }
+        (evidence, Self { block_lines, blocks, strands, places, deviation, surface_cell })
     }
 
     /// Calls `each` with (index in the grid, surface cell, bin of the factor) for every place where the factor can be told.

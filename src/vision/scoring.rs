@@ -4,7 +4,7 @@
 //! vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2). The upper tail of the
 //! normalised sums is close to exponential; a score of 3 means "one in 10^3 such places on intact rope", and so on.
 
-use super::evidence::{Evidence, FILTERS, Filter};
+use super::evidence::{Across, Evidence, FILTERS, Filter};
 
 /// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
 const LEAST_SHARE: f32 = 0.25;
@@ -61,8 +61,11 @@ impl CalibrationSums {
     /// Adds a stretch of intact rope.
     pub fn add(&mut self, evidence: &Evidence, pitch_mm: f64) {
         for (samples, filter) in self.samples.iter_mut().zip(FILTERS) {
-            let filtered = evidence.filtered(filter, pitch_mm);
-            samples.extend(filtered.iter().step_by(SAMPLE_STRIDE).filter(|(_, n)| *n > 0.0));
+            evidence.across(filter.wires).along(filter.length_mm, pitch_mm, |at, sum, pixels| {
+                if at % SAMPLE_STRIDE == 0 && pixels > 0.0 {
+                    samples.push((sum, pixels));
+                }
+            });
         }
     }
 
@@ -129,12 +132,18 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
     let mut support = vec![0.0f32; cells.len()];
     for (evidence, calibration) in factors {
         let mut factor = vec![f32::NAN; cells.len()];
+        let mut across: Option<(f64, Across<'_>)> = None;
         for (filter, calibration) in FILTERS.into_iter().zip(*calibration) {
-            for (cell, (sum, pixels)) in factor.iter_mut().zip(evidence.filtered(filter, pitch_mm)) {
+            // Filters of one width stand side by side and share their sums across the wires.
+            let (_, summed) = match across.take() {
+                Some(kept) if kept.0 == filter.wires => across.insert(kept),
+                _ => across.insert((filter.wires, evidence.across(filter.wires))),
+            };
+            summed.along(filter.length_mm, pitch_mm, |at, sum, pixels| {
                 if let Some(score) = calibration.score(sum, pixels) {
-                    *cell = cell.max(score); // f32::max takes the number where the other is NaN
+                    factor[at] = factor[at].max(score); // f32::max takes the number where the other is NaN
                 }
-            }
+            });
         }
         for ((cell, support), score) in cells.iter_mut().zip(&mut support).zip(factor) {
             if score.is_finite() {
@@ -148,7 +157,8 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
     for (cell, support) in cells.iter_mut().zip(&support) {
         *cell += support;
     }
-    let seen = first.filtered(SEEN, pitch_mm).iter().map(|(_, pixels)| *pixels > 0.0).collect();
+    let mut seen = vec![false; cells.len()];
+    first.across(SEEN.wires).along(SEEN.length_mm, pitch_mm, |at, _, pixels| seen[at] = pixels > 0.0);
     let mut scores = StretchScores {
         cells,
         seen,
