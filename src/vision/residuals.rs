@@ -17,7 +17,8 @@ use super::surface_map::SurfaceMap;
 /// Cells of the grid that no pixel fell into.
 const UNSEEN: u32 = u32::MAX;
 
-/// Deviations of a stretch in one view on the unrolled rope, `[(block * strands + strand) * places + place]`.
+/// Deviations of a stretch in one view on the unrolled rope, `[(strand * places + place) * blocks + block]`: everything that is
+/// judged runs along a wire, so neighbours along it lie side by side in memory.
 #[derive(Debug, Clone)]
 pub struct Residuals {
     /// Lines per block.
@@ -66,13 +67,15 @@ impl Residuals {
             let block = line / block_lines * strands;
             map.for_each(line, view.axis_px[line], |point| {
                 let bin = bins[usize::from(row[point.column])];
-                let at = (block + point.strand) * places + place_of(point.wire_place, places);
+                let place = place_of(point.wire_place, places);
+                let at = (block + point.strand) * places + place;
                 let score = gray.score(point.cell, bin);
                 if score.is_finite() {
                     evidence.add(at, score);
                 }
                 let expected = gray.expected(point.cell);
                 if expected.is_finite() {
+                    let at = (point.strand * places + place) * blocks + line / block_lines;
                     sums[at].0 += f32::from(bin) + 0.5 - expected;
                     sums[at].1 += 1.0;
                     surface_cell[at] = point.cell as u32;
@@ -90,7 +93,7 @@ impl Residuals {
         let blocks_of = |mm: f64| (mm / block_mm).round().max(1.0) as usize;
         for column in 0..row {
             // Running sums along the wire: NaN counts as absent.
-            let at = |block: usize| block * row + column;
+            let at = |block: usize| column * self.blocks + block;
             let mut sums = Vec::with_capacity(self.blocks + 1);
             let mut squares = Vec::with_capacity(self.blocks + 1);
             sums.push((0.0f32, 0.0f32));
@@ -138,7 +141,7 @@ impl Residuals {
                         ((power + 0.01).ln() * 3.0 + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0)
                     }
                 };
-                each(at(block), self.surface_cell[at(block)] as usize, bin as u8);
+                each(block * row + column, self.surface_cell[at(block)] as usize, bin as u8);
             }
         }
     }
