@@ -14,6 +14,7 @@ use super::template::{Template, TemplateSums};
 use super::unwrapping::{FACETS, LINE_STRIDE, Stripe, StripeTable, search_rate, turned_sum};
 use super::wire_pattern::PatternSums;
 use super::wire_tracking::{ShiftSums, StripeShift, WirePrediction, searched_rates};
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Rounds of registration and template learning; each sharpens the template for the next.
@@ -292,7 +293,10 @@ fn lock_wires(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) 
     let Some(first) = gathered.iter().position(|m| m.reference.is_some()) else { return vec![None; n] };
     let run = gathered[first..].iter().take_while(|m| m.reference.is_some()).count();
     let searched: Vec<&Measured> = gathered[first..first + run.min(WIRE_SEARCH_STRETCHES)].iter().collect();
-    let start: Vec<Option<WirePrediction>> = (0..n).map(|j| search_wires(spec, views, &searched, j)).collect();
+    let start: Vec<Option<WirePrediction>> = {
+        let views = &*views;
+        (0..n).into_par_iter().map(|j| search_wires(spec, views, &searched, j)).collect()
+    };
     let mut wires = start.clone();
     for round in 0..3 {
         wires = start.clone();

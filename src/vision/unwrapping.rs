@@ -165,10 +165,20 @@ pub fn search_rate(wires: usize, passes: &[&[(f64, Stripe)]], rates: (f64, f64))
         return None;
     }
     let power = |rate: f64| {
-        let apart = passes.iter().flat_map(|pass| {
-            (0..FACETS).map(move |f| magnitude(turned_sum(m, pass.iter().map(facet(f)), rate, pass[0].0)))
-        });
-        apart.sum::<f64>() / total
+        let mut apart = 0.0;
+        for pass in passes {
+            let mut sums = [(0.0, 0.0); FACETS];
+            for (x, stripe) in *pass {
+                let (sin, cos) = (m * rate * (x - pass[0].0)).sin_cos();
+                for (sum, (&re, &im)) in sums.iter_mut().zip(stripe.re.iter().zip(&stripe.im)) {
+                    let (re, im) = (f64::from(re), f64::from(im));
+                    sum.0 += re * cos - im * sin;
+                    sum.1 += re * sin + im * cos;
+                }
+            }
+            apart += sums.into_iter().map(magnitude).sum::<f64>();
+        }
+        apart / total
     };
     let spacing = TAU / (m * longest_mm * 4.0);
     let count = ((rates.1 - rates.0).abs() / spacing).ceil().max(2.0) as usize;
