@@ -12,10 +12,11 @@ use ropescope::vision::appearance::Appearance;
 use ropescope::vision::camera::Camera;
 use ropescope::vision::contour::extract;
 use ropescope::vision::estimates::Estimates;
-use ropescope::vision::evidence::{Evidence, block_lines, learn};
+use ropescope::vision::evidence::{block_lines, learn};
 use ropescope::vision::histogram::Histogram;
 use ropescope::vision::image::GrayImage;
 use ropescope::vision::registration::register;
+use ropescope::vision::residuals::Residuals;
 use ropescope::vision::template::{Template, TemplateSums};
 use ropescope::vision::unwrapping::{StripeTable, read_stripes};
 use std::hint::black_box;
@@ -103,7 +104,7 @@ fn stages(criterion: &mut Criterion) {
     group.bench_function("learning", |b| b.iter(|| learn(rope, camera, estimates, black_box(view), &mut histogram)));
     let blocks = block_lines(known.spec.pitch_mm);
     group.bench_function("evidence", |b| {
-        b.iter(|| Evidence::gather(rope, camera, estimates, black_box(view), &appearance, blocks));
+        b.iter(|| Residuals::gather(rope, camera, estimates, black_box(view), &appearance, blocks));
     });
     group.finish();
 }

@@ -129,9 +129,12 @@ fn alarmed_columns(
     let line = (block * scores.block_lines + scores.block_lines / 2).min(seen.view.image.lines() - 1);
     let mut columns: Option<(usize, usize)> = None;
     let row = block * seen.rope.strands() * scores.places;
+    // A block may be over the threshold by its neighbours' help: then its highest place stands for it.
+    let (strand, place) = scores.peaks[block];
+    let limit = threshold.min(scores.cells[row + strand * scores.places + place]);
     seen.surface_map().for_each(line, seen.view.axis_px[line], |point| {
         let cell = row + point.strand * scores.places + place_of(point.wire_place, scores.places);
-        if scores.cells[cell] > threshold {
+        if scores.cells[cell] >= limit {
             columns =
                 Some(columns.map_or((point.column, point.column), |(a, b)| (a.min(point.column), b.max(point.column))));
         }

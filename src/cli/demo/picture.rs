@@ -71,7 +71,7 @@ pub(super) async fn draw(
 }
 
 fn head(canvas: &mut Canvas, metres: f64, found: usize, planted: usize) {
-    canvas.text(MARGIN, 24, 3, INK, &format!("{metres:.1} m of rope: {planted} defects planted, {found} found"));
+    canvas.text(MARGIN, 24, 3, INK, &format!("{metres:.1} m of rope: {planted} defects planted, {found} reported"));
     let mut x = MARGIN;
     for (colour, text) in [(PLANTED, "planted"), (FOUND, "found"), (UNSEEN, "not inspected")] {
         canvas.fill(x, 62, 16, 14, colour);
