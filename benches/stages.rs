@@ -60,11 +60,18 @@ impl Known {
         let mut sums = TemplateSums::new(width);
         let view = &stretch.views[0];
         let phases = phases(&estimates, spec.rope.strands());
-        sums.add(&spec.rope, &view.image, &view.axis_px, 1, |line| {
-            let mut out = vec![0.0; spec.rope.strands()];
-            phases(line, &mut out);
-            camera.phase_in_view(out[0])
-        });
+        sums.add(
+            &spec.rope,
+            &view.image,
+            &view.axis_px,
+            1,
+            |line| {
+                let mut out = vec![0.0; spec.rope.strands()];
+                phases(line, &mut out);
+                camera.phase_in_view(out[0])
+            },
+            |_, _, _| (),
+        );
         let template = Template::new(&spec.rope, &camera, &sums).expect("a stretch is enough for a template");
         Self { spec, stretch, estimates, camera, template }
     }

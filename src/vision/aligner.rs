@@ -6,19 +6,20 @@
 
 use super::camera::Camera;
 use super::contour::{Contours, extract};
-use super::estimates::{Estimates, NotAligned, estimate, measured_rate};
+use super::courses::predict_wires;
+use super::estimates::{Estimates, NotAligned, estimate};
+use super::fitting::fit_from;
 use super::image::GrayImage;
-use super::lock::{LEAST_COHERENCE, Lock, lock, search_wires};
+use super::lock::{Lock, lock};
+use super::measuring::{learn_template, measure, measure_wires};
+use super::outline_detail::DetailSums;
 use super::rope::Rope;
-use super::smoothing::{Course, CoursePrior, Measurement, smooth};
-use super::strand_alignment::{StrandAlignment, polish, search};
-use super::stretch::{
-    Reference, StrandKnots, ViewModel, ViewStretch, axis_corrections_px, fuse, register_views, strand_knots,
-};
+use super::strand_alignment::StrandAlignment;
+use super::stretch::{Reference, StrandKnots, ViewModel, ViewStretch};
 use super::template::TemplateSums;
-use super::unwrapping::{LINE_STRIDE, StripeTable, Stripes, read_stripes};
-use super::wire_pattern::{PatternSums, WirePattern};
-use super::wire_tracking::{Grid, StripeShift, WirePrediction, readings, wire_knots};
+use super::unwrapping::{LINE_STRIDE, StripeTable, Stripes};
+use super::wire_pattern::PatternSums;
+use super::wire_tracking::{Grid, StripeShift, WireKnot, WirePrediction};
 use rayon::prelude::*;
 use std::collections::VecDeque;
 
@@ -27,9 +28,7 @@ pub const GATHERED: usize = 5;
 /// Contours that agree less than this (eq. 13, 1 is perfect) are not the rope's.
 pub const LEAST_SCORE: f64 = 0.45;
 /// Share of lines that must show both edges in a view.
-const LEAST_FOUND: f64 = 0.4;
-/// How far the lay length may change from one stretch to the next before it is searched anew, as a share.
-const RELOCK_TOLERANCE: f64 = 0.06;
+pub(super) const LEAST_FOUND: f64 = 0.4;
 
 /// What does not change over an acquisition.
 #[derive(Debug, Clone)]
@@ -114,7 +113,7 @@ pub(super) struct Measured {
     pub strands: StrandKnots,
     pub stripes: Vec<Stripes>,
     /// `wires[v][j]`: measured wires per knot.
-    pub wires: Vec<Vec<Vec<Measurement>>>,
+    pub wires: Vec<Vec<Vec<WireKnot>>>,
 }
 
 impl Measured {
@@ -138,34 +137,11 @@ pub(super) struct Views {
     pub models: Vec<ViewModel>,
     pub sums: Vec<TemplateSums>,
     pub pattern_sums: Vec<PatternSums>,
+    pub detail_sums: Vec<DetailSums>,
     pub shifts: Vec<StripeShift>,
     pub wire_noise_scale: f64,
     pub table: StripeTable,
     pub diameter_mm: f64,
-}
-
-/// Change of the strands' rate along the rope: spectral density times the cube of the rope diameter, in rad^2. Deviations of
-/// a few hundredths of a rad over a few rope diameters are usual.
-const STRAND_WANDER: f64 = 1e-5;
-/// The same for wires, in strand diameters: they keep their lay much better.
-const WIRE_WANDER: f64 = 1e-5;
-
-pub(super) fn strand_prior(spec: &AlignerSpec, rate_rad_per_mm: f64) -> CoursePrior {
-    CoursePrior {
-        spacing_mm: spec.knot_lines as f64 * spec.pitch_mm,
-        wander: STRAND_WANDER / spec.rope.diameter_mm().powi(3),
-        rate_rad_per_mm,
-        rate_sd: 0.05 * rate_rad_per_mm.abs(),
-    }
-}
-
-pub(super) fn wire_prior(spec: &AlignerSpec, rate_rad_per_mm: f64) -> CoursePrior {
-    CoursePrior {
-        spacing_mm: spec.knot_lines as f64 * spec.pitch_mm,
-        wander: WIRE_WANDER / (8.0 * spec.rope.strand_radius_mm().powi(3) * 8.0),
-        rate_rad_per_mm,
-        rate_sd: 0.05 * rate_rad_per_mm.abs(),
-    }
 }
 
 /// Aligns stretch after stretch.
@@ -234,7 +210,7 @@ impl Aligner {
                     Some(given) => given[v].clone(),
                     None => extract(&image, hint),
                 };
-                ViewStretch { image, contours, axis_px: Vec::new() }
+                ViewStretch { image, outline: Contours::default(), contours, axis_px: Vec::new() }
             })
             .collect();
         Measured {
@@ -338,345 +314,4 @@ impl Aligner {
         self.wires = predict_wires(&self.spec, &window, &self.wires);
         self.enter(seen, out);
     }
-}
-
-/// Aligns the strands of a stretch, starting from the one before if there is one.
-pub(super) fn fit_from(
-    spec: &AlignerSpec,
-    models: &[ViewModel],
-    seen: &Measured,
-    previous: Option<(usize, &Reference)>,
-) -> Result<StrandAlignment, NotAligned> {
-    let views: Vec<_> = seen
-        .views
-        .iter()
-        .zip(models)
-        .filter(|(v, _)| v.image.lines() > 0 && v.contours.found() >= LEAST_FOUND)
-        .map(|(v, m)| v.contour_view(m))
-        .collect();
-    if views.is_empty() {
-        let lost = seen.views.iter().all(|v| v.image.lines() == 0);
-        return Err(if lost { NotAligned::LinesLost } else { NotAligned::NoRope });
-    }
-    let step = spec.rope.strand_step_rad();
-    let found = match previous {
-        Some((first_line, reference)) => {
-            let middle = seen.first_line as f64 - first_line as f64 + (seen.lines as f64 - 1.0) / 2.0;
-            let rate = reference.rate_rad_per_mm;
-            let expected = reference.mean_phase_rad(middle);
-            let tracked = polish(&views, spec.pitch_mm, expected, rate).filter(|f| f.score >= LEAST_SCORE);
-            let relocked = || {
-                let lay = std::f64::consts::TAU / rate;
-                search(&views, spec.pitch_mm, (lay * (1.0 - RELOCK_TOLERANCE), lay * (1.0 + RELOCK_TOLERANCE)))
-            };
-            tracked.or_else(relocked).map(|fit| {
-                // Contours repeat from strand to strand: take the repetition nearest to what was expected.
-                let turns = ((expected - fit.phase_rad) / step).round();
-                StrandAlignment { phase_rad: fit.phase_rad + turns * step, ..fit }
-            })
-        }
-        None => spec
-            .searched_strand_lays()
-            .into_iter()
-            .filter_map(|range| search(&views, spec.pitch_mm, range))
-            .max_by(|a, b| a.score.total_cmp(&b.score)),
-    };
-    match found {
-        Some(fit) if fit.score >= LEAST_SCORE => Ok(fit),
-        Some(fit) => Err(NotAligned::ContoursDisagree { score: fit.score }),
-        None => Err(NotAligned::NoRope),
-    }
-}
-
-/// Strand lays to search when none is given, in rope diameters.
-const SEARCHED_LAY_DIAMETERS: (f64, f64) = (5.0, 9.0);
-/// How far a strand lay may be off its nominal value, as a share.
-const NOMINAL_TOLERANCE: f64 = 0.12;
-
-impl AlignerSpec {
-    /// The same, for a rope of this strand lay. `None` if no such rope can exist.
-    pub(super) fn with_strand_lay(&self, lay_mm: f64) -> Option<Self> {
-        let design = super::rope::RopeDesign { strand_lay_mm: Some(lay_mm), ..self.rope.design().clone() };
-        Some(Self { rope: design.validate().ok()?, ..self.clone() })
-    }
-
-    /// Signed intervals of the strand lay in mm that are searched: about the nominal value, or wide where none is given.
-    ///
-    /// Without a nominal value only right-hand lays are searched: contours of one view do not tell the hand, the slant of the
-    /// strands in the image does, afterwards.
-    pub(super) fn searched_strand_lays(&self) -> Vec<(f64, f64)> {
-        match self.rope.design().strand_lay_mm {
-            Some(lay) => vec![(lay * (1.0 - NOMINAL_TOLERANCE), lay * (1.0 + NOMINAL_TOLERANCE))],
-            None => {
-                let range = (
-                    SEARCHED_LAY_DIAMETERS.0 * self.rope.diameter_mm(),
-                    SEARCHED_LAY_DIAMETERS.1 * self.rope.diameter_mm(),
-                );
-                if self.view_angles_rad.len() > 1 { vec![range, (-range.1, -range.0)] } else { vec![range] }
-            }
-        }
-    }
-}
-
-/// Measures each strand's course through a stretch that was fitted: two rounds of registration.
-///
-/// `wires` are where the wires are expected; their pattern is taken out of the image where it is known.
-pub(super) fn measure(
-    spec: &AlignerSpec,
-    views: &mut Views,
-    seen: &mut Measured,
-    before: &[&Measured],
-    wires: &[Option<WirePrediction>],
-) {
-    let Ok(fit) = seen.fit else { return };
-    let rope = &spec.rope;
-    let n = rope.strands();
-    let mut reference = Reference::straight(&fit, rope, seen.lines, spec.pitch_mm, spec.knot_lines);
-    let middle_mm = (seen.first_line as f64 + (seen.lines as f64 - 1.0) / 2.0) * spec.pitch_mm;
-    for (wire, prediction) in reference.wires.iter_mut().zip(wires) {
-        if let Some(prediction) = prediction {
-            *wire = (prediction.at(middle_mm), prediction.rate_rad_per_mm);
-        }
-    }
-    for (view, model) in seen.views.iter_mut().zip(&views.models) {
-        if view.image.lines() > 0 && view.contours.found() >= LEAST_FOUND {
-            view.set_axis(model, rope, &reference);
-        }
-    }
-    let knots = reference.knots();
-    for _ in 0..2 {
-        let sums = register_views(rope, &views.models, &seen.views, &reference);
-        if sums.iter().all(Vec::is_empty) {
-            break;
-        }
-        let mut corrections = vec![vec![0.0; knots]; seen.views.len()];
-        let mut phases = vec![0.0; knots * n];
-        for _ in 0..3 {
-            seen.strands = strand_knots(rope, &views.models, &sums, &reference, &corrections);
-            let courses = strand_courses(spec, &with(before, seen), None, fit.rate_rad_per_mm);
-            for k in 0..knots {
-                for j in 0..n {
-                    let straight =
-                        reference.mean_phase_rad(reference.knot_middle(k)) + j as f64 * rope.strand_step_rad();
-                    phases[k * n + j] = match &courses[j] {
-                        Some(course) => course.phase_rad(course.len() - knots + k),
-                        None => straight,
-                    };
-                }
-            }
-            corrections = axis_corrections_px(rope, &sums, &reference, &phases);
-        }
-        for k in 0..knots {
-            let mean = reference.mean_phase_rad(reference.knot_middle(k));
-            for j in 0..n {
-                let deviation = phases[k * n + j] - mean - j as f64 * rope.strand_step_rad();
-                reference.deviation_rad[k * n + j] = deviation.clamp(-0.12, 0.12);
-            }
-        }
-        for (view, correction) in seen.views.iter_mut().zip(&corrections) {
-            for (line, axis) in view.axis_px.iter_mut().enumerate() {
-                *axis += correction[(line / spec.knot_lines).min(knots - 1)] as f32;
-            }
-        }
-    }
-    // What is measured from here on is relative to the corrected axis.
-    let sums = register_views(rope, &views.models, &seen.views, &reference);
-    seen.strands = strand_knots(rope, &views.models, &sums, &reference, &vec![vec![0.0; knots]; seen.views.len()]);
-    seen.stripes = views
-        .models
-        .par_iter()
-        .zip(&seen.views)
-        .map(|(model, view)| match (&model.template, view.usable()) {
-            (Some(template), true) => {
-                read_stripes(rope, &model.camera, template, &views.table, &view.image, &view.axis_px, |line, out| {
-                    reference.phases_rad(rope, line, out);
-                })
-            }
-            _ => Stripes::default(),
-        })
-        .collect();
-    seen.reference = Some(reference);
-}
-
-fn with<'a>(before: &[&'a Measured], seen: &'a Measured) -> Vec<&'a Measured> {
-    let mut window: Vec<&Measured> = before.iter().copied().rev().take_while(|m| m.reference.is_some()).collect();
-    window.reverse();
-    window.push(seen);
-    window
-}
-
-/// Smoothed course of every strand over consecutive stretches; `view`: only what that view saw.
-pub(super) fn strand_courses(
-    spec: &AlignerSpec,
-    window: &[&Measured],
-    view: Option<usize>,
-    rate: f64,
-) -> Vec<Option<Course>> {
-    let n = spec.rope.strands();
-    let fused: Vec<Vec<Measurement>> = window
-        .iter()
-        .map(|m| {
-            let views = m
-                .strands
-                .views
-                .iter()
-                .enumerate()
-                .filter(|(v, _)| view.is_none_or(|only| only == *v))
-                .map(|(_, x)| &x[..]);
-            fuse(views, m.knots(spec) * n)
-        })
-        .collect();
-    (0..n)
-        .map(|j| {
-            let knots: Vec<Measurement> = fused.iter().flat_map(|f| f.chunks_exact(n).map(move |k| k[j])).collect();
-            smooth(&knots, strand_prior(spec, rate))
-        })
-        .collect()
-}
-
-/// Adds a measured stretch to the templates and renews them.
-pub(super) fn learn_template(spec: &AlignerSpec, views: &mut Views, seen: &Measured) {
-    let Some(reference) = &seen.reference else { return };
-    let rope = &spec.rope;
-    views.models.par_iter_mut().zip(&mut views.sums).zip(&seen.views).for_each(|((model, sums), view)| {
-        if view.usable() {
-            sums.fade(0.9);
-            let angle = model.camera.angle_rad;
-            sums.add(rope, &view.image, &view.axis_px, 2 * LINE_STRIDE, |line| {
-                reference.average_phase_rad(rope, line) - angle
-            });
-            if let Some(template) = super::template::Template::new(rope, &model.camera, sums) {
-                model.template = Some(template);
-            }
-        }
-    });
-}
-
-/// Adds a stretch whose wires were measured to the wire patterns.
-pub(super) fn learn_pattern(
-    spec: &AlignerSpec,
-    views: &mut Views,
-    seen: &Measured,
-    courses: &[Option<Course>],
-    first_knot: usize,
-) {
-    let Some(reference) = &seen.reference else { return };
-    let grid = seen.grid(spec);
-    let wires_at = |line: usize, out: &mut [f64]| {
-        let knot = (line / spec.knot_lines).min(grid.knots - 1);
-        let off_mm = (seen.first_line + line) as f64 * spec.pitch_mm - grid.knot_mm(knot);
-        for (phase, course) in out.iter_mut().zip(courses) {
-            let at = first_knot + knot;
-            *phase = course.as_ref().map_or(f64::NAN, |c| c.phase_rad(at) + c.rate_rad_per_mm(at) * off_mm);
-        }
-    };
-    views.models.par_iter().zip(&mut views.pattern_sums).zip(&seen.views).for_each(|((model, sums), view)| {
-        if let (Some(template), true) = (&model.template, view.usable()) {
-            sums.add(
-                &spec.rope,
-                template,
-                model.camera.angle_rad,
-                &view.image,
-                &view.axis_px,
-                LINE_STRIDE,
-                |line, strands, wires| {
-                    reference.phases_rad(&spec.rope, line, strands);
-                    wires_at(line, wires);
-                },
-            );
-        }
-    });
-}
-
-/// Renews the wire patterns from what was learnt.
-pub(super) fn renew_patterns(spec: &AlignerSpec, views: &mut Views) {
-    views.models.par_iter_mut().zip(&views.pattern_sums).for_each(|(model, sums)| {
-        model.pattern = model.template.as_ref().map(|template| WirePattern::new(&spec.rope, template, sums));
-    });
-}
-
-/// Measures the wires of a stretch in every view, relative to what is predicted of them; where the prediction proves wrong, the
-/// wires of that strand are searched anew.
-pub(super) fn measure_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measured, wires: &[Option<WirePrediction>]) {
-    let grid = seen.grid(spec);
-    let stripes: Vec<_> = seen.stripes.iter().zip(&views.shifts).collect();
-    let predictions: Vec<Option<WirePrediction>> = (0..spec.rope.strands())
-        .map(|j| {
-            let readings = readings(&spec.rope, &stripes, j, grid);
-            let adapted = wires[j].map(|p| p.adapted(spec.rope.wires(), &readings));
-            match adapted {
-                Some((prediction, coherence)) if coherence >= LEAST_COHERENCE || readings.len() < 16 => {
-                    Some(prediction)
-                }
-                _ => search_wires(spec, views, &[&*seen], j),
-            }
-        })
-        .collect();
-    seen.wires = stripes
-        .iter()
-        .map(|(stripes, shift)| {
-            (0..spec.rope.strands())
-                .map(|j| match predictions[j] {
-                    Some(prediction) => {
-                        wire_knots(&spec.rope, stripes, shift, j, grid, prediction, views.wire_noise_scale)
-                    }
-                    None => vec![Measurement::default(); grid.knots],
-                })
-                .collect()
-        })
-        .collect();
-}
-
-/// Smoothed course of the wires of every strand over consecutive stretches; `view`: only what that view saw.
-pub(super) fn wire_courses(
-    spec: &AlignerSpec,
-    window: &[&Measured],
-    view: Option<usize>,
-    rates: impl Fn(usize) -> Option<f64>,
-) -> Vec<Option<Course>> {
-    (0..spec.rope.strands())
-        .map(|j| {
-            let knots: Vec<Measurement> = window
-                .iter()
-                .flat_map(|m| {
-                    let views = m.wires.iter().enumerate().filter(|(v, _)| view.is_none_or(|only| only == *v));
-                    fuse(views.map(|(_, w)| &w[j][..]), m.knots(spec))
-                })
-                .collect();
-            smooth(&knots, wire_prior(spec, rates(j)?))
-        })
-        .collect()
-}
-
-/// Where the wires of every strand are expected at the end of the last stretch.
-pub(super) fn predict_wires(
-    spec: &AlignerSpec,
-    window: &[&Measured],
-    now: &[Option<WirePrediction>],
-) -> Vec<Option<WirePrediction>> {
-    let contiguous = match window.split_last() {
-        Some((last, before)) => with(before, last),
-        None => return now.to_vec(),
-    };
-    let courses = wire_courses(spec, &contiguous, None, |j| {
-        contiguous.last().and_then(|m| measured_rate(spec, m, j)).or(now[j].map(|p| p.rate_rad_per_mm))
-    });
-    let Some(last) = contiguous.last() else { return now.to_vec() };
-    let grid = last.grid(spec);
-    courses
-        .iter()
-        .zip(now)
-        .map(|(course, now)| match course {
-            Some(course) => {
-                let knot = course.len() - 1;
-                Some(WirePrediction {
-                    phase_rad: course.phase_rad(knot),
-                    // The rate at the very end is the least certain; lays change little over half a stretch.
-                    rate_rad_per_mm: course.slope_rad_per_mm(course.len() - grid.knots..course.len()),
-                    position_mm: grid.knot_mm(grid.knots - 1),
-                })
-            }
-            None => *now,
-        })
-        .collect()
 }

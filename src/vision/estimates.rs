@@ -1,6 +1,7 @@
 //! Lay lengths, phases and diameter of a stretch, each with its uncertainty, or the reason why there is none.
 
-use super::aligner::{AlignerSpec, Measured, Views, strand_courses, wire_courses};
+use super::aligner::{AlignerSpec, Measured, Views};
+use super::courses::{StrandCourses, joint_courses};
 use super::smoothing::Course;
 use super::wire_tracking::coherence;
 use std::f64::consts::TAU;
@@ -90,26 +91,25 @@ pub(super) fn estimate(
     let window = &window[from..to];
     let n = spec.rope.strands();
     let knots = first_knot..first_knot + here.knots(spec);
-    let fused_strands = strand_courses(spec, window, None, fit.rate_rad_per_mm);
     let rates: Vec<Option<f64>> = (0..n).map(|j| measured_rate(spec, here, j)).collect();
-    let fused_wires = wire_courses(spec, window, None, |j| rates[j]);
+    let fused_courses = joint_courses(spec, window, None, |j| rates[j]);
     let step = spec.rope.strand_step_rad();
     let mut strand_phases_rad = Vec::with_capacity(knots.len() * n);
     let mut wire_phases_rad = Vec::with_capacity(knots.len() * n);
     for (k, knot) in knots.clone().enumerate() {
-        for j in 0..n {
+        for (j, courses) in fused_courses.iter().enumerate() {
             let straight = reference.mean_phase_rad(reference.knot_middle(k)) + j as f64 * step;
-            strand_phases_rad.push(fused_strands[j].as_ref().map_or(straight, |c| c.phase_rad(knot)));
-            wire_phases_rad.push(fused_wires[j].as_ref().map_or(f64::NAN, |c| c.phase_rad(knot)));
+            strand_phases_rad.push(courses.strand.as_ref().map_or(straight, |c| c.phase_rad(knot)));
+            wire_phases_rad.push(courses.wires.as_ref().map_or(f64::NAN, |c| c.phase_rad(knot)));
         }
     }
     let grid = here.grid(spec);
     let middle_mm = (here.first_line as f64 + (here.lines as f64 - 1.0) / 2.0) * spec.pitch_mm;
-    let of = |strands: &[Option<Course>], wires: &[Option<Course>], view: Option<usize>| StretchEstimate {
-        strand: strand_estimate(strands, &knots, step, grid.knot_mm(0), middle_mm, spec, fit.score),
+    let of = |courses: &[StrandCourses], view: Option<usize>| StretchEstimate {
+        strand: strand_estimate(courses, &knots, step, grid.knot_mm(0), middle_mm, spec, fit.score),
         wires: (0..n)
             .map(|j| {
-                let course = wires[j].as_ref()?;
+                let course = courses[j].wires.as_ref()?;
                 let seen: Vec<_> = here
                     .stripes
                     .iter()
@@ -124,15 +124,13 @@ pub(super) fn estimate(
             })
             .collect(),
     };
-    let fused = of(&fused_strands, &fused_wires, None);
+    let fused = of(&fused_courses, None);
     let per_view = (0..here.views.len())
         .map(|v| {
             if here.strands.views.get(v).is_none_or(|knots| knots.iter().all(|m| m.information <= 0.0)) {
                 return StretchEstimate { strand: None, wires: vec![None; n] };
             }
-            let strands = strand_courses(spec, window, Some(v), fit.rate_rad_per_mm);
-            let wires = wire_courses(spec, window, Some(v), |j| rates[j]);
-            of(&strands, &wires, Some(v))
+            of(&joint_courses(spec, window, Some(v), |j| rates[j]), Some(v))
         })
         .collect();
     let mut spread = 0.0;
@@ -157,7 +155,7 @@ pub(super) fn measured_rate(spec: &AlignerSpec, here: &Measured, j: usize) -> Op
     let spacing = spec.knot_lines as f64 * spec.pitch_mm;
     let (mut w, mut x, mut y, mut xx, mut xy) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for view in &here.wires {
-        for (k, m) in view[j].iter().enumerate().filter(|(_, m)| m.information > 0.0) {
+        for (k, m) in view[j].iter().map(|knot| knot.measured).enumerate().filter(|(_, m)| m.information > 0.0) {
             let at = k as f64 * spacing;
             w += m.information;
             x += m.information * at;
@@ -191,7 +189,7 @@ fn lay_estimate(course: &Course, knots: &std::ops::Range<usize>, phase_rad: f64,
 
 /// Mean over the strands: the rope's phase and lay are those of its strands on average.
 fn strand_estimate(
-    strands: &[Option<Course>],
+    courses: &[StrandCourses],
     knots: &std::ops::Range<usize>,
     step_rad: f64,
     first_mm: f64,
@@ -199,7 +197,8 @@ fn strand_estimate(
     spec: &AlignerSpec,
     score: f64,
 ) -> Option<LayEstimate> {
-    let known: Vec<(usize, &Course)> = strands.iter().enumerate().filter_map(|(j, c)| Some((j, c.as_ref()?))).collect();
+    let known: Vec<(usize, &Course)> =
+        courses.iter().enumerate().filter_map(|(j, c)| Some((j, c.strand.as_ref()?))).collect();
     if known.is_empty() {
         return None;
     }

@@ -1,19 +1,21 @@
 //! Finds a rope in a few gathered stretches: strands by their contours, then camera, template, each strand's course, wires.
 
-use super::aligner::{
-    AlignerSpec, Measured, Views, fit_from, learn_pattern, measure, measure_wires, predict_wires, renew_patterns,
-    strand_courses, wire_courses,
-};
+use super::aligner::{AlignerSpec, Measured, Views};
 use super::camera::Camera;
 use super::camera_distance::{ContourHarmonics, DEFAULT_DISTANCE_DIAMETERS, estimate};
+use super::courses::{StrandCourses, joint_courses, predict_wires, strand_courses};
 use super::estimates::measured_rate;
+use super::fitting::fit_from;
+use super::measuring::{learn_pattern, measure, measure_wires, renew_patterns};
 use super::model_contour::ModelContour;
-use super::smoothing::{Course, Measurement};
-use super::stretch::{Reference, ViewModel, fuse};
+use super::outline_detail::DetailSums;
+use super::smoothing::Measurement;
+use super::stretch::{Reference, ViewModel};
 use super::template::{Template, TemplateSums};
 use super::unwrapping::{FACETS, LINE_STRIDE, Stripe, StripeTable, search_rate, turned_sum};
+use super::wire_count::{CountedRate, recount};
 use super::wire_pattern::PatternSums;
-use super::wire_tracking::{ShiftSums, StripeShift, WirePrediction, searched_rates};
+use super::wire_tracking::{ShiftSums, StripeShift, WireKnot, WirePrediction, searched_rates};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -64,6 +66,7 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
         for _ in 0..ROUNDS {
             let predictions = learn_patterns(spec, &mut views, gathered);
             measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+            first_templates(spec, &mut views, gathered);
             calibrate_strands(spec, &mut views, gathered);
         }
         let predictions = learn_patterns(spec, &mut views, gathered);
@@ -88,6 +91,7 @@ fn first_views(spec: &AlignerSpec, gathered: &[Measured]) -> Views {
         sums: models.iter().map(|_| TemplateSums::new(spec.width_px)).collect(),
         pattern_sums: models.iter().map(|_| PatternSums::new(spec.width_px)).collect(),
         shifts: models.iter().map(|_| StripeShift::default()).collect(),
+        detail_sums: vec![DetailSums::default(); models.len()],
         models,
         wire_noise_scale: 1.0,
         table: StripeTable::new(spec.rope.wires()),
@@ -118,6 +122,7 @@ fn view_model(spec: &AlignerSpec, gathered: &[Measured], v: usize, angle_rad: f6
         contour: ModelContour::new(&spec.rope, &camera),
         template: None,
         pattern: None,
+        detail: None,
         noise_scale: 1.0,
     }
 }
@@ -195,9 +200,9 @@ fn first_templates(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measur
                 view.set_axis(model, &spec.rope, &reference);
             }
             if view.usable() {
-                sums.add(&spec.rope, &view.image, &view.axis_px, LINE_STRIDE, |line| {
-                    model.camera.phase_in_view(reference.average_phase_rad(&spec.rope, line))
-                });
+                let phase = |line: usize| model.camera.phase_in_view(reference.average_phase_rad(&spec.rope, line));
+                let remover = reference.wires_remover(&spec.rope, model);
+                sums.add(&spec.rope, &view.image, &view.axis_px, LINE_STRIDE, phase, remover);
             }
         }
         model.template = Template::new(&spec.rope, &model.camera, sums);
@@ -233,19 +238,9 @@ const SHARED_KNOTS: usize = 12;
 
 /// Factor on the stated variances that the residuals of measurements about their smoothed course ask for: their mean normalised
 /// square, times how many neighbouring knots share one error (1 + twice the sum of autocorrelations).
-fn residual_scale(courses: &[(Course, Vec<Measurement>)]) -> Option<f64> {
+fn residual_scale(series: &[Vec<Option<f64>>]) -> Option<f64> {
     let mut products = [(0.0, 0.0); SHARED_KNOTS + 1];
-    for (course, knots) in courses {
-        let residuals: Vec<Option<f64>> = knots
-            .iter()
-            .enumerate()
-            .map(|(k, m)| {
-                let kept = 1.0 - m.information * course.phase_variance(k);
-                // A defect here and there must not count: residuals are cut.
-                let residual = m.information.sqrt() * (m.value_rad - course.phase_rad(k)) / kept.max(0.2).sqrt();
-                (m.information > 0.0 && kept > 0.2).then_some(residual.clamp(-4.0, 4.0))
-            })
-            .collect();
+    for residuals in series {
         for (lag, product) in products.iter_mut().enumerate() {
             for (a, b) in residuals.iter().zip(residuals.iter().skip(lag)) {
                 if let (Some(a), Some(b)) = (a, b) {
@@ -263,23 +258,34 @@ fn residual_scale(courses: &[(Course, Vec<Measurement>)]) -> Option<f64> {
     Some(covariance(0) + shared.max(0.0))
 }
 
+/// Residual of a measurement in standard deviations, given what the smoothed course says there and how well. `None` where the
+/// course is little but this measurement.
+fn normalised(measured: Measurement, expected_rad: f64, variance: f64) -> Option<f64> {
+    let kept = 1.0 - measured.information * variance;
+    // A defect here and there must not count: residuals are cut.
+    let residual = measured.information.sqrt() * (measured.value_rad - expected_rad) / kept.max(0.2).sqrt();
+    (measured.information > 0.0 && kept > 0.2).then_some(residual.clamp(-4.0, 4.0))
+}
+
 /// Scales the registration's variances by what the residuals about the smooth courses show.
 fn calibrate_strands(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) {
     let n = spec.rope.strands();
     for v in 0..views.models.len() {
-        let mut courses = Vec::new();
+        let mut series = Vec::new();
         for run in runs(gathered) {
             let window: Vec<&Measured> = run.iter().collect();
             let rate = run[0].reference.as_ref().map_or(0.0, |r| r.rate_rad_per_mm);
             let only: Vec<Vec<Measurement>> = run.iter().map(|m| m.strands.views[v].clone()).collect();
             for (j, course) in strand_courses(spec, &window, Some(v), rate).into_iter().enumerate() {
                 if let Some(course) = course {
-                    let knots = only.iter().flat_map(|f| f.chunks_exact(n).map(move |k| k[j])).collect();
-                    courses.push((course, knots));
+                    let knots = only.iter().flat_map(|f| f.chunks_exact(n).map(move |k| k[j])).enumerate();
+                    series.push(
+                        knots.map(|(k, m)| normalised(m, course.phase_rad(k), course.phase_variance(k))).collect(),
+                    );
                 }
             }
         }
-        if let Some(scale) = residual_scale(&courses) {
+        if let Some(scale) = residual_scale(&series) {
             // Residuals can show that the stated variances are too small, not that they are too large: what the template
             // and the wires' pattern share with the course, they hide.
             views.models[v].noise_scale = (views.models[v].noise_scale * scale).clamp(1.0, 50.0);
@@ -293,7 +299,7 @@ fn lock_wires(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) 
     let Some(first) = gathered.iter().position(|m| m.reference.is_some()) else { return vec![None; n] };
     let run = gathered[first..].iter().take_while(|m| m.reference.is_some()).count();
     let searched: Vec<&Measured> = gathered[first..first + run.min(WIRE_SEARCH_STRETCHES)].iter().collect();
-    let start: Vec<Option<WirePrediction>> = {
+    let mut start: Vec<Option<WirePrediction>> = {
         let views = &*views;
         (0..n).into_par_iter().map(|j| search_wires(spec, views, &searched, j)).collect()
     };
@@ -309,13 +315,21 @@ fn lock_wires(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) 
             let window: Vec<&Measured> = before[first.max(k.saturating_sub(2))..].iter().chain([&rest[0]]).collect();
             wires = predict_wires(spec, &window, &wires);
         }
+        if round == 0 && views.models.len() <= MOST_VIEWS_WITH_GAPS {
+            let rates = recounted(spec, gathered, &start);
+            for (prediction, rate) in start.iter_mut().zip(rates) {
+                if let (Some(prediction), Some(rate)) = (prediction, rate) {
+                    prediction.rate_rad_per_mm = rate;
+                }
+            }
+        }
         let all = runs(gathered);
         let rates = |j: usize| start[j].map(|p| p.rate_rad_per_mm);
         if round < 2 {
             let mut sums = ShiftSums::new(views.models.len());
             for run in &all {
                 let window: Vec<&Measured> = run.iter().collect();
-                let courses = wire_courses(spec, &window, None, rates);
+                let courses = joint_courses(spec, &window, None, rates);
                 let mut knot = 0;
                 for measured in *run {
                     add_shifts(spec, measured, &courses, knot, &mut sums);
@@ -325,18 +339,26 @@ fn lock_wires(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) 
             views.shifts = sums.shifts();
         }
         if round == 1 {
-            let mut courses = Vec::new();
+            let mut series = Vec::new();
             for run in &all {
                 let window: Vec<&Measured> = run.iter().collect();
-                for (j, course) in wire_courses(spec, &window, None, rates).into_iter().enumerate() {
-                    if let Some(course) = course {
-                        let knots =
-                            run.iter().flat_map(|m| fuse(m.wires.iter().map(|w| &w[j][..]), m.knots(spec))).collect();
-                        courses.push((course, knots));
+                for (j, courses) in joint_courses(spec, &window, None, rates).into_iter().enumerate() {
+                    if let (Some(strand), Some(wires)) = (courses.strand, courses.wires) {
+                        let variances: Vec<(f64, f64)> =
+                            (0..wires.len()).map(|k| (strand.phase_variance(k), wires.phase_variance(k))).collect();
+                        for v in 0..views.models.len() {
+                            let knots = run.iter().flat_map(|m| &m.wires[v][j]).enumerate();
+                            let residual = |(k, knot): (usize, &WireKnot)| {
+                                let share = knot.strand_share;
+                                let expected = wires.phase_rad(k) + share * strand.phase_rad(k);
+                                normalised(knot.joint(), expected, share * share * variances[k].0 + variances[k].1)
+                            };
+                            series.push(knots.map(residual).collect());
+                        }
                     }
                 }
             }
-            if let Some(scale) = residual_scale(&courses) {
+            if let Some(scale) = residual_scale(&series) {
                 views.wire_noise_scale *= scale.clamp(0.05, 50.0);
             }
         }
@@ -344,10 +366,58 @@ fn lock_wires(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) 
     wires
 }
 
+/// Up to so many views leave gaps in which nobody sees a strand.
+const MOST_VIEWS_WITH_GAPS: usize = 2;
+
+/// Wire rates of all strands over the gathered stretches, with the most plausible counts of wires between the passes.
+fn recounted(spec: &AlignerSpec, gathered: &[Measured], start: &[Option<WirePrediction>]) -> Vec<Option<f64>> {
+    let run = runs(gathered).into_iter().max_by_key(|run| run.len()).unwrap_or_default();
+    let window: Vec<&Measured> = run.iter().collect();
+    let Some(reference) = run.first().and_then(|m| m.reference.as_ref()) else { return vec![None; start.len()] };
+    let courses = joint_courses(spec, &window, None, |j| start[j].map(|p| p.rate_rad_per_mm));
+    let rates: Vec<Option<CountedRate>> = courses
+        .iter()
+        .enumerate()
+        .map(|(j, course)| {
+            let wires = course.wires.as_ref()?;
+            let over_passes = wires.slope_rad_per_mm(0..wires.len());
+            Some(CountedRate { over_passes, within_passes: rate_within_passes(spec, run, j)? })
+        })
+        .collect();
+    recount(&spec.rope, reference.rate_rad_per_mm, &rates)
+}
+
+/// Rate of the wires of strand `j` in rad/mm from their courses within single passes before a camera: between two passes nobody
+/// counts the wires, and a wrong count would make every later pass agree with itself.
+fn rate_within_passes(spec: &AlignerSpec, gathered: &[Measured], j: usize) -> Option<f64> {
+    let (mut xx, mut xy, mut knots) = (0.0, 0.0, 0);
+    for measured in gathered.iter().filter(|m| m.reference.is_some()) {
+        let grid = measured.grid(spec);
+        for view in &measured.wires {
+            let seen: Vec<(f64, Measurement)> =
+                view[j].iter().enumerate().map(|(k, knot)| (grid.knot_mm(k), knot.measured)).collect();
+            for pass in seen.split(|(_, m)| m.information <= 0.0).filter(|pass| pass.len() >= 3) {
+                let weight: f64 = pass.iter().map(|(_, m)| m.information).sum();
+                let mean = |of: fn(&(f64, Measurement)) -> f64| {
+                    pass.iter().map(|knot| knot.1.information * of(knot)).sum::<f64>() / weight
+                };
+                let (x, y) = (mean(|k| k.0), mean(|k| k.1.value_rad));
+                for (at, m) in pass {
+                    xx += m.information * (at - x).powi(2);
+                    xy += m.information * (at - x) * (m.value_rad - y);
+                }
+                knots += pass.len();
+            }
+        }
+    }
+    (knots >= 8 && xx > 0.0).then(|| xy / xx)
+}
+
 /// Learns the wire patterns anew from all gathered stretches. Answers where the wires are in each: phase and rate about its middle.
 fn learn_patterns(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) -> Vec<Vec<Option<WirePrediction>>> {
     let n = spec.rope.strands();
     views.pattern_sums = views.models.iter().map(|_| PatternSums::new(spec.width_px)).collect();
+    views.detail_sums = vec![DetailSums::default(); views.models.len()];
     let mut predictions = vec![vec![None; n]; gathered.len()];
     let mut at = 0;
     for (k, measured) in gathered.iter().enumerate() {
@@ -357,13 +427,13 @@ fn learn_patterns(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) 
         }
         let window: Vec<&Measured> =
             gathered[at..].iter().take_while(|m| m.reference.is_some()).take(k + 2 - at).collect();
-        let courses = wire_courses(spec, &window, None, |j| measured_rate(spec, measured, j));
+        let courses = joint_courses(spec, &window, None, |j| measured_rate(spec, measured, j));
         let first_knot: usize = gathered[at..k].iter().map(|m| m.knots(spec)).sum();
         learn_pattern(spec, views, measured, &courses, first_knot);
         let knots = measured.knots(spec);
         let middle = first_knot + knots / 2;
         for (prediction, course) in predictions[k].iter_mut().zip(&courses) {
-            *prediction = course.as_ref().map(|c| WirePrediction {
+            *prediction = course.wires.as_ref().map(|c| WirePrediction {
                 phase_rad: c.phase_rad(middle),
                 rate_rad_per_mm: c.slope_rad_per_mm(first_knot..first_knot + knots),
                 position_mm: measured.grid(spec).knot_mm(knots / 2),
@@ -377,7 +447,7 @@ fn learn_patterns(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) 
 fn add_shifts(
     spec: &AlignerSpec,
     measured: &Measured,
-    courses: &[Option<Course>],
+    courses: &[StrandCourses],
     first_knot: usize,
     sums: &mut ShiftSums,
 ) {
@@ -387,7 +457,7 @@ fn add_shifts(
         for (reading, row) in stripes.stripes.chunks_exact(n).enumerate() {
             let knot = (reading * LINE_STRIDE / spec.knot_lines).min(grid.knots - 1);
             for (j, course) in courses.iter().enumerate() {
-                if let (Some(course), true) = (course, row[j].pixels > 0.0) {
+                if let (Some(course), true) = (&course.wires, row[j].pixels > 0.0) {
                     let at = first_knot + knot;
                     let off_mm = grid.reading_mm(reading) - grid.knot_mm(knot);
                     let phase = course.phase_rad(at) + course.rate_rad_per_mm(at) * off_mm;

@@ -29,6 +29,12 @@ pub struct KnotSums {
     pub phase_axis: [f64; 8],
     /// Per strand: sum of dT/dphase * difference.
     pub phase_difference: [f64; 8],
+    /// Per strand: sum of (dP/dw)^2, P the wires' pattern and w their phase.
+    pub wire_wire: [f64; 8],
+    /// Per strand: sum of dT/dphase * dP/dw.
+    pub phase_wire: [f64; 8],
+    /// Per strand: sum of dP/dw * difference.
+    pub wire_difference: [f64; 8],
     /// Sum of (dT/dcolumn)^2.
     pub axis_axis: f64,
     /// Sum of dT/dcolumn * difference.
@@ -66,6 +72,7 @@ pub fn register(
     let mut line = vec![0.0f32; width];
     let mut phases = vec![0.0f64; n];
     let mut wires = vec![f64::NAN; n];
+    let mut per_wire_rad = vec![0.0f32; width];
     let step = rope.strand_step_rad();
     for k in (0..image.lines()).step_by(LINE_STRIDE) {
         if !normalised_line(image.line(k), axis_px[k], &mut line) {
@@ -89,9 +96,11 @@ pub fn register(
             let own = (phases[j] - j as f64 * step - mean + in_bin) as f32;
             let (from, to) = template.columns(span);
             if let (Some(pattern), false) = (pattern, wires[j].is_nan()) {
-                pattern.subtract(rope.wires(), bin.row, wires[j] - angle_rad, &mut line, from, to);
+                pattern.subtract(rope.wires(), bin.row, wires[j] - angle_rad, &mut line, &mut per_wire_rad, from..to);
+            } else {
+                per_wire_rad[from..to].fill(0.0);
             }
-            let mut acc = [0.0f32; 6];
+            let mut acc = [0.0f32; 9];
             for c in from..to {
                 let g = per_rad[c];
                 // The picture moves against the axis: dT/daxis = -dT/dcolumn.
@@ -103,6 +112,10 @@ pub fn register(
                 acc[3] += h * h;
                 acc[4] += h * r;
                 acc[5] += r * r;
+                let p = per_wire_rad[c];
+                acc[6] += p * p;
+                acc[7] += p * g;
+                acc[8] += p * r;
             }
             sums.phase_phase[j] += f64::from(acc[0]);
             sums.phase_axis[j] += f64::from(acc[1]);
@@ -110,6 +123,9 @@ pub fn register(
             sums.axis_axis += f64::from(acc[3]);
             sums.axis_difference += f64::from(acc[4]);
             sums.squares += f64::from(acc[5]);
+            sums.wire_wire[j] += f64::from(acc[6]);
+            sums.phase_wire[j] += f64::from(acc[7]);
+            sums.wire_difference[j] += f64::from(acc[8]);
             sums.pixels += (to - from) as f64;
         }
     }
@@ -117,7 +133,15 @@ pub fn register(
 }
 
 /// Contours that are off by more than this, in px, are wire ends or dirt, and are cut.
-const CONTOUR_CUT_PX: f64 = 3.0;
+pub(super) const CONTOUR_CUT_PX: f64 = 3.0;
+/// Phases in view of the strands that make the upper and the lower outline.
+pub(super) const SIDES_RAD: [f64; 2] = [FRAC_PI_2, -FRAC_PI_2];
+
+/// The strand that stands nearest to a side.
+pub(super) fn strand_at_side(phases_rad: &[f64], angle_rad: f64, side_rad: f64) -> usize {
+    let distance = |j: usize| wrap_rad(phases_rad[j] - angle_rad - side_rad).abs();
+    (0..phases_rad.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+}
 
 /// Adds what the contours know: each shows the strand that stands at its side. `sums` and phases as in [`register`].
 #[expect(clippy::too_many_arguments, reason = "as in `register`")]
@@ -138,14 +162,13 @@ pub fn register_contours(
     for k in (0..contours.len()).step_by(LINE_STRIDE) {
         phases_rad(k, &mut phases);
         let knot = &mut sums[k / knot_lines];
-        let sides = [(contours.upper_px[k], FRAC_PI_2), (contours.lower_px[k], -FRAC_PI_2)];
-        for (side, (column, at_rad)) in sides.into_iter().enumerate() {
+        let columns = [contours.upper_px[k], contours.lower_px[k]];
+        for (side, column) in columns.into_iter().enumerate() {
             if !column.is_finite() {
                 before[side] = 0.0;
                 continue;
             }
-            let distance = |j: usize| wrap_rad(phases[j] - angle_rad - at_rad).abs();
-            let Some(j) = (0..n).min_by(|&a, &b| distance(a).total_cmp(&distance(b))) else { continue };
+            let j = strand_at_side(&phases, angle_rad, SIDES_RAD[side]);
             let phase = phases[j] - angle_rad;
             let outline = |p: f64| if side == 0 { model.upper_px(p) } else { model.lower_px(p) };
             let slope = (outline(phase + step) - outline(phase - step)) / (2.0 * step);

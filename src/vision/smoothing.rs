@@ -5,7 +5,8 @@
 //! within a few knots. The posterior is solved exactly as a banded least-squares problem, and any linear function of it, such
 //! as the slope over a stretch, gets its own standard deviation.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use std::sync::Arc;
 
 /// A measured phase at one knot: the information form of "phase = value, with variance 1/information".
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -29,14 +30,43 @@ pub struct CoursePrior {
     pub rate_sd: f64,
 }
 
+/// What is measured at one knot of S/2 courses side by side. The state is (phase, rate) of the first, then of the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation<const S: usize> {
+    information: SMatrix<f64, S, S>,
+    weighted: SVector<f64, S>,
+}
+
+impl<const S: usize> Default for Observation<S> {
+    fn default() -> Self {
+        Self { information: SMatrix::zeros(), weighted: SVector::zeros() }
+    }
+}
+
+impl<const S: usize> Observation<S> {
+    /// Adds that the sum of `share * phase` over the courses was measured.
+    pub fn add(&mut self, shares: &[f64], measured: Measurement) {
+        for (a, &share) in shares.iter().enumerate() {
+            self.weighted[2 * a] += share * measured.information * measured.value_rad;
+            for (b, &other) in shares.iter().enumerate() {
+                self.information[(2 * a, 2 * b)] += share * other * measured.information;
+            }
+        }
+    }
+
+    fn says_something(&self) -> bool {
+        self.information.trace() > 0.0
+    }
+}
+
 /// Smoothed phase at every knot, and the factors that answer for its uncertainty.
 #[derive(Debug, Clone)]
 pub struct Course {
     spacing_mm: f64,
     states: Vec<Vector2<f64>>,
-    /// Inverse of the diagonal blocks of the block LDL^T factor, and the sub-diagonal multipliers.
-    pivots: Vec<Matrix2<f64>>,
-    links: Vec<Matrix2<f64>>,
+    /// Shared by the courses that were smoothed together; this is the one of number `part`.
+    factor: Arc<dyn Factor>,
+    part: usize,
 }
 
 /// Process noise of an integrated random walk over `h` mm, inverted.
@@ -45,23 +75,42 @@ fn inverse_process_noise(h: f64, wander: f64) -> Matrix2<f64> {
     Matrix2::new(1.0, -h / 2.0, -h / 2.0, h * h / 3.0) * scale
 }
 
-/// Solves for the course. `None` if fewer than two knots were measured: nothing is known then.
+/// Solves for one course. `None` if fewer than two knots were measured: nothing is known then.
 pub fn smooth(measurements: &[Measurement], prior: CoursePrior) -> Option<Course> {
-    if measurements.iter().filter(|m| m.information > 0.0).count() < 2 {
+    let observations: Vec<Observation<2>> = measurements
+        .iter()
+        .map(|&measured| {
+            let mut observation = Observation::default();
+            observation.add(&[1.0], measured);
+            observation
+        })
+        .collect();
+    smooth_together(&observations, &[prior])?.pop()
+}
+
+/// Solves for S/2 courses that were measured together. `None` if fewer than two knots were measured.
+pub fn smooth_together<const S: usize>(observations: &[Observation<S>], priors: &[CoursePrior]) -> Option<Vec<Course>> {
+    if observations.iter().filter(|o| o.says_something()).count() < 2 {
         return None;
     }
-    let n = measurements.len();
-    let h = prior.spacing_mm;
+    let n = observations.len();
+    let h = priors.first()?.spacing_mm;
     // x_k+1 = F x_k + noise; rates are kept as deviations from the expected one, phases as measured.
-    let transition = Matrix2::new(1.0, h, 0.0, 1.0);
-    let precision = inverse_process_noise(h, prior.wander);
-    let drift = Vector2::new(prior.rate_rad_per_mm * h, 0.0);
-    let mut diagonal = vec![Matrix2::zeros(); n];
-    let mut right = vec![Vector2::zeros(); n];
-    for (k, m) in measurements.iter().enumerate() {
-        diagonal[k][(0, 0)] += m.information;
-        right[k][0] += m.information * m.value_rad;
-        diagonal[k][(1, 1)] += prior.rate_sd.powi(-2) / n as f64; // one weak statement, spread over all knots
+    let mut transition = SMatrix::<f64, S, S>::identity();
+    let mut precision = SMatrix::<f64, S, S>::zeros();
+    let mut drift = SVector::<f64, S>::zeros();
+    for (part, prior) in priors.iter().enumerate() {
+        transition[(2 * part, 2 * part + 1)] = h;
+        precision.fixed_view_mut::<2, 2>(2 * part, 2 * part).copy_from(&inverse_process_noise(h, prior.wander));
+        drift[2 * part] = prior.rate_rad_per_mm * h;
+    }
+    let mut diagonal: Vec<_> = observations.iter().map(|o| o.information).collect();
+    let mut right: Vec<_> = observations.iter().map(|o| o.weighted).collect();
+    for k in 0..n {
+        for (part, prior) in priors.iter().enumerate() {
+            // One weak statement, spread over all knots.
+            diagonal[k][(2 * part + 1, 2 * part + 1)] += prior.rate_sd.powi(-2) / n as f64;
+        }
         if k + 1 < n {
             diagonal[k] += transition.transpose() * precision * transition;
             diagonal[k + 1] += precision;
@@ -69,28 +118,49 @@ pub fn smooth(measurements: &[Measurement], prior: CoursePrior) -> Option<Course
             right[k + 1] += precision * drift;
         }
     }
-    let off = -precision * transition; // block (k+1, k)
-    let mut pivots = Vec::with_capacity(n);
-    let mut links = Vec::with_capacity(n);
-    for k in 0..n {
-        let mut d = diagonal[k];
-        if k > 0 {
-            let link: Matrix2<f64> = off * pivots[k - 1];
-            d -= link * off.transpose();
-            links.push(link);
-        }
-        pivots.push(d.try_inverse()?);
-    }
-    let mut course = Course { spacing_mm: h, states: Vec::new(), pivots, links };
-    course.states = course.solve(right);
-    for state in &mut course.states {
-        state[1] += prior.rate_rad_per_mm;
-    }
-    Some(course)
+    let factor = Banded::new(&diagonal, -precision * transition)?;
+    let states = factor.solve(right);
+    let factor: Arc<dyn Factor> = Arc::new(factor);
+    let course = |(part, prior): (usize, &CoursePrior)| Course {
+        spacing_mm: h,
+        states: states.iter().map(|x| Vector2::new(x[2 * part], x[2 * part + 1] + prior.rate_rad_per_mm)).collect(),
+        factor: factor.clone(),
+        part,
+    };
+    Some(priors.iter().enumerate().map(course).collect())
 }
 
-impl Course {
-    fn solve(&self, mut b: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
+/// Answers for the uncertainty of what was smoothed together.
+trait Factor: std::fmt::Debug + Send + Sync {
+    /// Variance of the sum of `weight * phase of part at knot` over consecutive knots from `first` on.
+    fn variance(&self, part: usize, first: usize, weights: &[f64]) -> f64;
+}
+
+/// Block LDL^T factor of a block-tridiagonal matrix: inverses of the pivots, and the multipliers below them.
+#[derive(Debug)]
+struct Banded<const S: usize> {
+    pivots: Vec<SMatrix<f64, S, S>>,
+    links: Vec<SMatrix<f64, S, S>>,
+}
+
+impl<const S: usize> Banded<S> {
+    /// Factors the matrix with these diagonal blocks and the same block `off` below each.
+    fn new(diagonal: &[SMatrix<f64, S, S>], off: SMatrix<f64, S, S>) -> Option<Self> {
+        let mut pivots: Vec<SMatrix<f64, S, S>> = Vec::with_capacity(diagonal.len());
+        let mut links = Vec::with_capacity(diagonal.len());
+        for block in diagonal {
+            let mut d = *block;
+            if let Some(before) = pivots.last() {
+                let link = off * before;
+                d -= link * off.transpose();
+                links.push(link);
+            }
+            pivots.push(d.try_inverse()?);
+        }
+        Some(Self { pivots, links })
+    }
+
+    fn solve(&self, mut b: Vec<SVector<f64, S>>) -> Vec<SVector<f64, S>> {
         for k in 1..b.len() {
             let carried = self.links[k - 1] * b[k - 1];
             b[k] -= carried;
@@ -104,7 +174,20 @@ impl Course {
         }
         b
     }
+}
 
+impl<const S: usize> Factor for Banded<S> {
+    fn variance(&self, part: usize, first: usize, weights: &[f64]) -> f64 {
+        let mut b = vec![SVector::<f64, S>::zeros(); self.pivots.len()];
+        for (k, w) in weights.iter().enumerate() {
+            b[first + k][2 * part] = *w;
+        }
+        let solved = self.solve(b);
+        weights.iter().enumerate().map(|(k, w)| w * solved[first + k][2 * part]).sum()
+    }
+}
+
+impl Course {
     /// Number of knots.
     pub fn len(&self) -> usize {
         self.states.len()
@@ -132,19 +215,13 @@ impl Course {
 
     /// Variance of the phase at a knot in rad^2.
     pub fn phase_variance(&self, knot: usize) -> f64 {
-        let mut b = vec![Vector2::zeros(); self.len()];
-        b[knot][0] = 1.0;
-        self.solve(b)[knot][0]
+        self.factor.variance(self.part, knot, &[1.0])
     }
 
     /// Variance of [`Self::slope_rad_per_mm`] in rad^2/mm^2.
     pub fn slope_variance(&self, knots: std::ops::Range<usize>) -> f64 {
-        let mut b = vec![Vector2::zeros(); self.len()];
-        for (w, k) in slope_weights(knots.len(), self.spacing_mm).zip(knots.clone()) {
-            b[k][0] = w;
-        }
-        let solved = self.solve(b);
-        slope_weights(knots.len(), self.spacing_mm).zip(knots).map(|(w, k)| w * solved[k][0]).sum()
+        let weights: Vec<f64> = slope_weights(knots.len(), self.spacing_mm).collect();
+        self.factor.variance(self.part, knots.start, &weights)
     }
 }
 

@@ -7,16 +7,21 @@ use super::contour::Contours;
 use super::displacement::axis_course_px;
 use super::image::GrayImage;
 use super::model_contour::ModelContour;
+use super::outline_detail::OutlineDetail;
 use super::registration::{KnotSums, register, register_contours};
 use super::rope::Rope;
 use super::smoothing::Measurement;
 use super::strand_alignment::{ContourView, StrandAlignment};
-use super::template::Template;
+use super::template::{PhaseBin, Template};
 use super::wire_pattern::{WirePattern, mean_phase};
 use std::f64::consts::TAU;
 
 /// Neighbouring pixels and lines share wires: so many registered pixels count as one independent one. Refined from residuals.
-const PIXELS_PER_INDEPENDENT: f64 = 4000.0;
+const PIXELS_PER_INDEPENDENT: f64 = 500.0;
+/// The same in Lang lay, or before the wires are known. There wires run much as the valleys between the strands do, and pass a
+/// place in step with the strands: what is left of them in the template moves with it, which residuals cannot show. So
+/// the contours must lead.
+const PIXELS_PER_INDEPENDENT_LANG: f64 = 1500.0;
 /// Prior standard deviation of the axis' correction by the image, in px: contours leave about this much.
 const AXIS_PRIOR_PX: f64 = 0.001;
 
@@ -27,6 +32,8 @@ pub struct ViewStretch {
     pub image: GrayImage,
     /// Its contours; NaN where there are none.
     pub contours: Contours,
+    /// The contours without what wires add to the outline, as far as this is known.
+    pub outline: Contours,
     /// Column of the rope axis at every line.
     pub axis_px: Vec<f32>,
 }
@@ -82,6 +89,21 @@ impl Reference {
         (from + (from + self.knot_lines).min(self.lines) - 1) as f64 / 2.0
     }
 
+    fn pixels_per_independent(&self) -> f64 {
+        // NaN, an unknown rate, compares false.
+        if self.wires.iter().any(|wire| wire.1 * self.rate_rad_per_mm < 0.0) {
+            PIXELS_PER_INDEPENDENT
+        } else {
+            PIXELS_PER_INDEPENDENT_LANG
+        }
+    }
+
+    /// Phase of strand j at a knot.
+    pub fn strand_rad(&self, rope: &Rope, knot: usize, j: usize) -> f64 {
+        let regular = self.mean_phase_rad(self.knot_middle(knot)) + j as f64 * rope.strand_step_rad();
+        regular + self.deviation_rad[knot * rope.strands() + j]
+    }
+
     /// Number of knots.
     pub fn knots(&self) -> usize {
         self.lines.div_ceil(self.knot_lines)
@@ -100,6 +122,21 @@ impl Reference {
         let off_mm = (line as f64 - (self.lines as f64 - 1.0) / 2.0) * self.pitch_mm;
         for (phase, (middle, rate)) in out.iter_mut().zip(&self.wires) {
             *phase = middle + rate * off_mm;
+        }
+    }
+
+    /// Takes the wires out of a normalised line of a view, where they are known.
+    pub fn wires_remover<'a>(
+        &'a self,
+        rope: &'a Rope,
+        model: &'a ViewModel,
+    ) -> impl FnMut(usize, PhaseBin, &mut [f32]) + 'a {
+        let mut wires = vec![f64::NAN; rope.strands()];
+        move |line, bin, gray| {
+            if let (Some(template), Some(pattern)) = (&model.template, &model.pattern) {
+                self.wires_rad(line, &mut wires);
+                pattern.subtract_all(rope, template, bin, &wires, model.camera.angle_rad, gray);
+            }
         }
     }
 
@@ -130,6 +167,8 @@ pub struct ViewModel {
     pub template: Option<Template>,
     /// What wires add to it; absent until they are tracked.
     pub pattern: Option<WirePattern>,
+    /// What the real outline has beside the model's; absent until the wires are tracked.
+    pub detail: Option<OutlineDetail>,
     /// Factor on the registration's variance, found from residuals.
     pub noise_scale: f64,
 }
@@ -142,10 +181,17 @@ impl ViewStretch {
 
     /// Sets the axis from the contours (eq. 10), averaged over one period of the outline.
     pub fn set_axis(&mut self, model: &ViewModel, rope: &Rope, reference: &Reference) {
+        self.outline = match &model.detail {
+            Some(detail) => detail.taken_out(rope, model.camera.angle_rad, &self.contours, |line, strands, wires| {
+                reference.phases_rad(rope, line, strands);
+                reference.wires_rad(line, wires);
+            }),
+            None => self.contours.clone(),
+        };
         let period_mm = TAU / reference.rate_rad_per_mm.abs() / rope.strands() as f64;
         let smooth_lines = (period_mm / reference.pitch_mm).round().max(8.0) as usize;
         self.axis_px = axis_course_px(
-            &self.contours,
+            &self.outline,
             |k| {
                 let phase = model.camera.phase_in_view(reference.mean_phase_rad(k as f64));
                 (model.contour.lower_px(phase), model.contour.upper_px(phase))
@@ -185,16 +231,7 @@ pub fn register_views(
                 }
                 None => vec![KnotSums::default(); reference.knots()], // contours alone, until the template is learnt
             };
-            register_contours(
-                rope,
-                &model.contour,
-                angle,
-                &view.contours,
-                &view.axis_px,
-                knot_lines,
-                phases,
-                &mut sums,
-            );
+            register_contours(rope, &model.contour, angle, &view.outline, &view.axis_px, knot_lines, phases, &mut sums);
             sums
         })
         .collect()
@@ -214,17 +251,22 @@ pub fn strand_knots(
         .enumerate()
         .map(|(v, knots)| {
             let (squares, pixels) = knots.iter().fold((0.0, 0.0), |(s, p), k| (s + k.squares, p + k.pixels));
-            let variance = (squares / pixels.max(1.0)).max(1e-6) * PIXELS_PER_INDEPENDENT * models[v].noise_scale;
+            let variance =
+                (squares / pixels.max(1.0)).max(1e-6) * reference.pixels_per_independent() * models[v].noise_scale;
             let contour_variance = contour_variance_px2(knots);
             let mut measured = vec![Measurement::default(); reference.knots() * n];
             for (k, knot) in knots.iter().enumerate() {
                 let mean = reference.mean_phase_rad(reference.knot_middle(k));
                 for j in 0..n {
-                    let information = knot.phase_phase[j] / variance + knot.contour_phase_phase[j] / contour_variance;
+                    let wire = WireError::near(knots, k, j);
+                    let information = wire.left(knot, j) / variance + knot.contour_phase_phase[j] / contour_variance;
                     if information <= 0.0 {
                         continue;
                     }
-                    let image = (knot.phase_difference[j] - knot.phase_axis[j] * axis_correction_px[v][k]) / variance;
+                    let image = (knot.phase_difference[j]
+                        - knot.phase_wire[j] * wire.error_rad
+                        - knot.phase_axis[j] * axis_correction_px[v][k])
+                        / variance;
                     let step = (image + knot.contour_phase_difference[j] / contour_variance) / information;
                     let base = mean + j as f64 * rope.strand_step_rad() + reference.deviation_rad[k * n + j];
                     // One Gauss-Newton step is only good for small corrections; larger ones come over the rounds.
@@ -236,6 +278,35 @@ pub fn strand_knots(
         })
         .collect();
     StrandKnots { views }
+}
+
+/// Knots to either side over which the wires are taken to be equally far from where they were expected.
+const WIRE_ERROR_KNOTS: usize = 3;
+
+/// How far the wires of a strand are from where they were expected, near one knot. Wires that are not where they were taken out
+/// look like a moved strand; so their error is solved for with the strand's.
+struct WireError {
+    error_rad: f64,
+    /// Share of the strand's information that the wires' error could feign.
+    feigned: f64,
+}
+
+impl WireError {
+    fn near(knots: &[KnotSums], k: usize, j: usize) -> Self {
+        let near = &knots[k.saturating_sub(WIRE_ERROR_KNOTS)..(k + WIRE_ERROR_KNOTS + 1).min(knots.len())];
+        let sum = |of: fn(&KnotSums) -> &[f64; 8]| near.iter().map(|knot| of(knot)[j]).sum::<f64>();
+        let (gg, gp, pp) = (sum(|k| &k.phase_phase), sum(|k| &k.phase_wire), sum(|k| &k.wire_wire));
+        let (gr, pr) = (sum(|k| &k.phase_difference), sum(|k| &k.wire_difference));
+        let determinant = gg * pp - gp * gp;
+        if determinant <= 1e-3 * gg * pp {
+            return Self { error_rad: 0.0, feigned: 0.0 };
+        }
+        Self { error_rad: (gg * pr - gp * gr) / determinant, feigned: gp * gp / (gg * pp) }
+    }
+
+    fn left(&self, knot: &KnotSums, j: usize) -> f64 {
+        knot.phase_phase[j] * (1.0 - self.feigned)
+    }
 }
 
 /// Variance of one contour reading in px^2, raised by what neighbouring readings share (as in a first-order autoregression).

@@ -84,7 +84,8 @@ impl TemplateSums {
         self.sums.iter_mut().chain(&mut self.counts).for_each(|s| *s *= keep);
     }
 
-    /// Adds every `stride`-th line. `phase_in_view_rad(line)` is that of strand 0.
+    /// Adds every `stride`-th line. `phase_in_view_rad(line)` is that of strand 0; `without_wires(line, bin, gray)` takes out
+    /// of the normalised line what the wires add to the mean.
     pub fn add(
         &mut self,
         rope: &Rope,
@@ -92,10 +93,13 @@ impl TemplateSums {
         axis_px: &[f32],
         stride: usize,
         phase_in_view_rad: impl Fn(usize) -> f64,
+        mut without_wires: impl FnMut(usize, PhaseBin, &mut [f32]),
     ) {
         for k in (0..image.lines()).step_by(stride) {
             if normalised_line(image.line(k), axis_px[k], &mut self.line) {
-                let row = phase_bin(rope, phase_in_view_rad(k)).row;
+                let bin = phase_bin(rope, phase_in_view_rad(k));
+                without_wires(k, bin, &mut self.line);
+                let row = bin.row;
                 self.counts[row] += 1.0;
                 for (s, &v) in self.sums[row * self.width..(row + 1) * self.width].iter_mut().zip(&self.line) {
                     *s += v;

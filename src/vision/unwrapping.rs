@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 /// Every how many lines the surface is read.
 pub const LINE_STRIDE: usize = 4;
 /// Strands whose phase in view is beyond this show too little surface.
-const FARTHEST_RAD: f64 = 1.2;
+pub const FARTHEST_RAD: f64 = 1.2;
 /// Surface beyond this share of the strand's half width is too foreshortened for single wires.
 const EDGE: f64 = 0.93;
 /// Relative differences beyond this are highlights or dirt, and are cut.
@@ -38,6 +38,8 @@ pub struct Stripe {
     pub im: [f32; FACETS],
     /// Number of pixels; 0 where the strand is hidden.
     pub pixels: f32,
+    /// Phase of the strand in this view in rad.
+    pub phase_in_view_rad: f32,
 }
 
 /// Sum over all facets: what one strand's stripes say in one line.
@@ -107,7 +109,11 @@ pub fn read_stripes(
             let to = ((middle + high).floor().max(0.0) as usize).clamp(from, width);
             let scale = (TABLE as f64 / (2.0 * span.half_px)) as f32;
             let offset = TABLE as f32 / 2.0 - (middle + span.middle_px) as f32 * scale;
-            let mut stripe = Stripe { pixels: (to - from) as f32, ..Stripe::default() };
+            let mut stripe = Stripe {
+                pixels: (to - from) as f32,
+                phase_in_view_rad: span.phase_in_view_rad as f32,
+                ..Stripe::default()
+            };
             // psi in rope axes is asin(e) - sight + view angle.
             let turn = m * (span.sight_rad - camera.angle_rad);
             let (s, co) = (turn.sin() as f32, turn.cos() as f32);

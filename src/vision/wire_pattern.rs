@@ -6,7 +6,7 @@
 
 use super::image::GrayImage;
 use super::rope::Rope;
-use super::template::{PHASE_BINS, Template, normalised_line, phase_bin};
+use super::template::{PHASE_BINS, PhaseBin, Template, normalised_line, phase_bin};
 
 /// Harmonics of the wire period that are kept; wires are round, so two describe them well.
 pub const HARMONICS: usize = 2;
@@ -161,23 +161,49 @@ impl WirePattern {
         pattern
     }
 
-    /// Takes the pattern of wires at `wire_phase_in_view_rad` out of the columns `from..to` of a normalised line.
+    /// Takes the pattern of wires at `wire_phase_in_view_rad` out of the columns `from..to` of a normalised line, and writes into
+    /// `per_rad` how the pattern there changes with the wire phase.
     pub fn subtract(
         &self,
         wires: usize,
         row: usize,
         wire_phase_in_view_rad: f64,
         line: &mut [f32],
-        from: usize,
-        to: usize,
+        per_rad: &mut [f32],
+        columns: std::ops::Range<usize>,
     ) {
+        per_rad[columns.clone()].fill(0.0);
         for h in 0..HARMONICS {
-            let angle = (h + 1) as f64 * wires as f64 * wire_phase_in_view_rad;
-            let (sin, cos) = (angle.sin() as f32, angle.cos() as f32);
+            let turns = ((h + 1) * wires) as f64;
+            let (sin, cos) = (turns * wire_phase_in_view_rad).sin_cos();
+            let (sin, cos, turns) = (sin as f32, cos as f32, turns as f32);
             let at = (h * PHASE_BINS + row) * self.width;
-            let (re, im) = (&self.re[at + from..at + to], &self.im[at + from..at + to]);
-            for ((value, &a), &b) in line[from..to].iter_mut().zip(re).zip(im) {
+            let (re, im) =
+                (&self.re[at..at + self.width][columns.clone()], &self.im[at..at + self.width][columns.clone()]);
+            let targets = line[columns.clone()].iter_mut().zip(&mut per_rad[columns.clone()]);
+            for ((value, slope), (&a, &b)) in targets.zip(re.iter().zip(im)) {
                 *value -= a * cos + b * sin;
+                *slope += turns * (b * cos - a * sin);
+            }
+        }
+    }
+
+    /// Takes the wires of all strands out of a normalised line: `wires_rad[j]` in rope axes, NaN where unknown.
+    pub fn subtract_all(
+        &self,
+        rope: &Rope,
+        template: &Template,
+        bin: PhaseBin,
+        wires_rad: &[f64],
+        angle_rad: f64,
+        line: &mut [f32],
+    ) {
+        let mut per_rad = vec![0.0; line.len()];
+        for span in template.spans(bin.row) {
+            let wire = wires_rad[(bin.nearest + span.strand) % wires_rad.len()];
+            if !wire.is_nan() {
+                let (from, to) = template.columns(span);
+                self.subtract(rope.wires(), bin.row, wire - angle_rad, line, &mut per_rad, from..to);
             }
         }
     }

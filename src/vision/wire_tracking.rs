@@ -2,21 +2,29 @@
 
 use super::rope::Rope;
 use super::smoothing::Measurement;
-use super::unwrapping::{FACETS, LINE_STRIDE, Phasor, Stripe, Stripes, turned_sum};
+use super::unwrapping::{FACETS, FARTHEST_RAD, LINE_STRIDE, Phasor, Stripe, Stripes, turned_sum};
 use std::f64::consts::TAU;
 
 /// Readings of one view share dirt and texture: so many count as one independent one. Refined from residuals.
 const READINGS_PER_INDEPENDENT: f64 = 4.0;
 
-/// Where light puts the bright line of a wire, beside its centre, on every facet: unit phasors.
+/// Places on a strand by the strand's phase in view, for [`StripeShift`].
+const ASPECTS: usize = 12;
+
+/// Where light puts the bright line of a wire, beside its centre, on every facet of a strand at every phase in view: unit phasors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StripeShift {
-    facets: [Phasor; FACETS],
+    facets: [[Phasor; FACETS]; ASPECTS],
+}
+
+fn aspect(stripe: &Stripe) -> usize {
+    let share = 0.5 + 0.5 * f64::from(stripe.phase_in_view_rad) / FARTHEST_RAD;
+    ((share * ASPECTS as f64).max(0.0) as usize).min(ASPECTS - 1)
 }
 
 impl Default for StripeShift {
     fn default() -> Self {
-        Self { facets: [(1.0, 0.0); FACETS] }
+        Self { facets: [[(1.0, 0.0); FACETS]; ASPECTS] }
     }
 }
 
@@ -24,7 +32,7 @@ impl StripeShift {
     /// What a reading says of the wires, the lighting's shift of every facet taken out.
     pub fn correct(&self, stripe: &Stripe) -> Phasor {
         let mut sum = (0.0, 0.0);
-        for (f, &(c, s)) in self.facets.iter().enumerate() {
+        for (f, &(c, s)) in self.facets[aspect(stripe)].iter().enumerate() {
             let (re, im) = (f64::from(stripe.re[f]), f64::from(stripe.im[f]));
             sum.0 += re * c + im * s;
             sum.1 += im * c - re * s;
@@ -33,22 +41,22 @@ impl StripeShift {
     }
 }
 
-/// Sums from which [`StripeShift`]s are learnt: mean phasor of the stripes about the tracked wires, per view and facet.
+/// Sums from which [`StripeShift`]s are learnt: mean phasor of the stripes about the tracked wires, per view, aspect and facet.
 #[derive(Debug, Clone)]
 pub struct ShiftSums {
-    views: Vec<[Phasor; FACETS]>,
+    views: Vec<[[Phasor; FACETS]; ASPECTS]>,
 }
 
 impl ShiftSums {
     /// Empty sums for so many views.
     pub fn new(views: usize) -> Self {
-        Self { views: vec![[(0.0, 0.0); FACETS]; views] }
+        Self { views: vec![[[(0.0, 0.0); FACETS]; ASPECTS]; views] }
     }
 
     /// Adds a reading of `view` where the wires were tracked at `wire_phase_rad`.
     pub fn add(&mut self, view: usize, wires: usize, stripe: &Stripe, wire_phase_rad: f64) {
         let (sin, cos) = (wires as f64 * wire_phase_rad).sin_cos();
-        for (f, sum) in self.views[view].iter_mut().enumerate() {
+        for (f, sum) in self.views[view][aspect(stripe)].iter_mut().enumerate() {
             let (re, im) = (f64::from(stripe.re[f]), f64::from(stripe.im[f]));
             sum.0 += re * cos - im * sin;
             sum.1 += re * sin + im * cos;
@@ -57,19 +65,15 @@ impl ShiftSums {
 
     /// The shifts. Only differences can be known, so the mean over everything is set to none.
     pub fn shifts(&self) -> Vec<StripeShift> {
-        let total = self.views.iter().flatten().fold((0.0f64, 0.0f64), |t, s| (t.0 + s.0, t.1 + s.1));
+        let total = self.views.iter().flatten().flatten().fold((0.0f64, 0.0f64), |t, s| (t.0 + s.0, t.1 + s.1));
         let norm = total.0.hypot(total.1).max(1e-12);
         let (c, s) = (total.0 / norm, total.1 / norm);
-        self.views
-            .iter()
-            .map(|facets| StripeShift {
-                facets: facets.map(|(re, im)| {
-                    let (re, im) = (re * c + im * s, im * c - re * s);
-                    let norm = re.hypot(im);
-                    if norm > 0.0 { (re / norm, im / norm) } else { (1.0, 0.0) }
-                }),
-            })
-            .collect()
+        let shift = |(re, im): Phasor| {
+            let (re, im) = (re * c + im * s, im * c - re * s);
+            let norm = re.hypot(im);
+            if norm > 0.0 { (re / norm, im / norm) } else { (1.0, 0.0) }
+        };
+        self.views.iter().map(|aspects| StripeShift { facets: aspects.map(|facets| facets.map(shift)) }).collect()
     }
 }
 
@@ -153,8 +157,34 @@ impl Grid {
     }
 }
 
-/// Measures the wires of strand `j` at every knot of a stretch in one view, relative to a prediction. The second value is the
-/// coherence: how well all stripes agree with the prediction, in [0, 1] with the weight they carry.
+/// The wires of a strand at one knot, as one view shows them.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct WireKnot {
+    /// Phase of wire 0, if the strand stands where it was taken to stand.
+    pub measured: Measurement,
+    /// How much farther the wires seem to be, per rad that the strand is farther than it was taken to be.
+    pub strand_share: f64,
+    /// Phase in rad where the strand was taken to stand.
+    pub strand_rad: f64,
+}
+
+impl WireKnot {
+    /// What was measured of "wire phase + share * strand phase".
+    pub fn joint(&self) -> Measurement {
+        Measurement { value_rad: self.measured.value_rad + self.strand_share * self.strand_rad, ..self.measured }
+    }
+}
+
+/// A strand that stands farther by dphi moves sideways by r_s cos(phase in view) dphi, and its wires, whose place on the strand is
+/// an angle, seem turned by that over the strand's radius. Stripes away from the strand's middle turn more, those near the
+/// rope's edges are hidden; the constants are those of simulated ropes.
+fn strand_share(rope: &Rope, phase_in_view_rad: f64) -> f64 {
+    1.45 * rope.strand_curve_radius_mm() / rope.strand_radius_mm() * phase_in_view_rad.cos().powi(2)
+}
+
+/// Measures the wires of strand `j` at every knot of a stretch in one view, relative to a prediction. `strand_rad(knot)` is where
+/// the strand was taken to stand when the stripes were read.
+#[expect(clippy::too_many_arguments, reason = "what is seen, where, and what is known of it")]
 pub fn wire_knots(
     rope: &Rope,
     stripes: &Stripes,
@@ -163,7 +193,9 @@ pub fn wire_knots(
     grid: Grid,
     prediction: WirePrediction,
     noise_scale: f64,
-) -> Vec<Measurement> {
+    strand_rad: impl Fn(usize) -> f64,
+    angle_rad: f64,
+) -> Vec<WireKnot> {
     let n = rope.strands();
     let m = rope.wires() as f64;
     let mut sums = vec![(0.0f64, 0.0f64, 0.0f64, 0.0f64); grid.knots];
@@ -191,16 +223,22 @@ pub fn wire_knots(
         .map(|(k, &(re, im, _, count))| {
             let power = re * re + im * im;
             if count < 1.0 || power <= 0.0 {
-                return Measurement::default();
+                return WireKnot::default();
             }
             // The coefficient turns with exp(-i M phase).
             let off = -im.atan2(re) / m;
             // Variance of the angle of the sum: count * variance / power, and a floor for what single knots can be trusted.
             let sd_stripes = (count * variance / power).sqrt().max(0.05);
             if sd_stripes > 1.0 {
-                return Measurement::default(); // the phase of noise
+                return WireKnot::default(); // the phase of noise
             }
-            Measurement { value_rad: prediction.at(grid.knot_mm(k)) + off, information: (m / sd_stripes).powi(2) }
+            let value_rad = prediction.at(grid.knot_mm(k)) + off;
+            let strand_rad = strand_rad(k);
+            WireKnot {
+                measured: Measurement { value_rad, information: (m / sd_stripes).powi(2) },
+                strand_share: strand_share(rope, strand_rad - angle_rad),
+                strand_rad,
+            }
         })
         .collect()
 }

@@ -1,0 +1,187 @@
+//! Measures strands and wires of a stretch knot by knot, and learns from it how the rope looks.
+
+use super::aligner::{AlignerSpec, LEAST_FOUND, Measured, Views};
+use super::courses::{StrandCourses, strand_courses, with};
+use super::lock::{LEAST_COHERENCE, search_wires};
+use super::outline_detail::OutlineDetail;
+use super::stretch::{Reference, axis_corrections_px, register_views, strand_knots};
+use super::unwrapping::{LINE_STRIDE, Stripes, read_stripes};
+use super::wire_pattern::WirePattern;
+use super::wire_tracking::{WireKnot, WirePrediction, readings, wire_knots};
+use rayon::prelude::*;
+
+/// Measures each strand's course through a stretch that was fitted: two rounds of registration.
+///
+/// `wires` are where the wires are expected; their pattern is taken out of the image where it is known.
+pub(super) fn measure(
+    spec: &AlignerSpec,
+    views: &mut Views,
+    seen: &mut Measured,
+    before: &[&Measured],
+    wires: &[Option<WirePrediction>],
+) {
+    let Ok(fit) = seen.fit else { return };
+    let rope = &spec.rope;
+    let n = rope.strands();
+    let mut reference = Reference::straight(&fit, rope, seen.lines, spec.pitch_mm, spec.knot_lines);
+    let middle_mm = (seen.first_line as f64 + (seen.lines as f64 - 1.0) / 2.0) * spec.pitch_mm;
+    for (wire, prediction) in reference.wires.iter_mut().zip(wires) {
+        if let Some(prediction) = prediction {
+            *wire = (prediction.at(middle_mm), prediction.rate_rad_per_mm);
+        }
+    }
+    for (view, model) in seen.views.iter_mut().zip(&views.models) {
+        if view.image.lines() > 0 && view.contours.found() >= LEAST_FOUND {
+            view.set_axis(model, rope, &reference);
+        }
+    }
+    let knots = reference.knots();
+    for _ in 0..2 {
+        let sums = register_views(rope, &views.models, &seen.views, &reference);
+        if sums.iter().all(Vec::is_empty) {
+            break;
+        }
+        let mut corrections = vec![vec![0.0; knots]; seen.views.len()];
+        let mut phases = vec![0.0; knots * n];
+        for _ in 0..3 {
+            seen.strands = strand_knots(rope, &views.models, &sums, &reference, &corrections);
+            let courses = strand_courses(spec, &with(before, seen), None, fit.rate_rad_per_mm);
+            for k in 0..knots {
+                for j in 0..n {
+                    let straight =
+                        reference.mean_phase_rad(reference.knot_middle(k)) + j as f64 * rope.strand_step_rad();
+                    phases[k * n + j] = match &courses[j] {
+                        Some(course) => course.phase_rad(course.len() - knots + k),
+                        None => straight,
+                    };
+                }
+            }
+            corrections = axis_corrections_px(rope, &sums, &reference, &phases);
+        }
+        for k in 0..knots {
+            let mean = reference.mean_phase_rad(reference.knot_middle(k));
+            for j in 0..n {
+                let deviation = phases[k * n + j] - mean - j as f64 * rope.strand_step_rad();
+                reference.deviation_rad[k * n + j] = deviation.clamp(-0.12, 0.12);
+            }
+        }
+        for (view, correction) in seen.views.iter_mut().zip(&corrections) {
+            for (line, axis) in view.axis_px.iter_mut().enumerate() {
+                *axis += correction[(line / spec.knot_lines).min(knots - 1)] as f32;
+            }
+        }
+    }
+    // What is measured from here on is relative to the corrected axis.
+    let sums = register_views(rope, &views.models, &seen.views, &reference);
+    seen.strands = strand_knots(rope, &views.models, &sums, &reference, &vec![vec![0.0; knots]; seen.views.len()]);
+    seen.stripes = views
+        .models
+        .par_iter()
+        .zip(&seen.views)
+        .map(|(model, view)| match (&model.template, view.usable()) {
+            (Some(template), true) => {
+                read_stripes(rope, &model.camera, template, &views.table, &view.image, &view.axis_px, |line, out| {
+                    reference.phases_rad(rope, line, out);
+                })
+            }
+            _ => Stripes::default(),
+        })
+        .collect();
+    seen.reference = Some(reference);
+}
+
+/// Adds a measured stretch to the templates and renews them.
+pub(super) fn learn_template(spec: &AlignerSpec, views: &mut Views, seen: &Measured) {
+    let Some(reference) = &seen.reference else { return };
+    let rope = &spec.rope;
+    views.models.par_iter_mut().zip(&mut views.sums).zip(&seen.views).for_each(|((model, sums), view)| {
+        if view.usable() {
+            sums.fade(0.9);
+            let angle = model.camera.angle_rad;
+            let phase = |line: usize| reference.average_phase_rad(rope, line) - angle;
+            sums.add(rope, &view.image, &view.axis_px, 2 * LINE_STRIDE, phase, reference.wires_remover(rope, model));
+            if let Some(template) = super::template::Template::new(rope, &model.camera, sums) {
+                model.template = Some(template);
+            }
+        }
+    });
+}
+
+/// Adds a stretch whose wires were measured to the wire patterns.
+pub(super) fn learn_pattern(
+    spec: &AlignerSpec,
+    views: &mut Views,
+    seen: &Measured,
+    courses: &[StrandCourses],
+    first_knot: usize,
+) {
+    let Some(reference) = &seen.reference else { return };
+    let grid = seen.grid(spec);
+    let wires_at = |line: usize, out: &mut [f64]| {
+        let knot = (line / spec.knot_lines).min(grid.knots - 1);
+        let off_mm = (seen.first_line + line) as f64 * spec.pitch_mm - grid.knot_mm(knot);
+        for (phase, course) in out.iter_mut().zip(courses) {
+            let at = first_knot + knot;
+            *phase = course.wires.as_ref().map_or(f64::NAN, |c| c.phase_rad(at) + c.rate_rad_per_mm(at) * off_mm);
+        }
+    };
+    let phases = |line: usize, strands: &mut [f64], wires: &mut [f64]| {
+        reference.phases_rad(&spec.rope, line, strands);
+        wires_at(line, wires);
+    };
+    for ((model, sums), view) in views.models.iter().zip(&mut views.detail_sums).zip(&seen.views) {
+        if view.usable() {
+            sums.add(&spec.rope, &model.contour, model.camera.angle_rad, &view.contours, &view.axis_px, phases);
+        }
+    }
+    views.models.par_iter().zip(&mut views.pattern_sums).zip(&seen.views).for_each(|((model, sums), view)| {
+        if let (Some(template), true) = (&model.template, view.usable()) {
+            sums.add(&spec.rope, template, model.camera.angle_rad, &view.image, &view.axis_px, LINE_STRIDE, phases);
+        }
+    });
+}
+
+/// Renews the wire patterns from what was learnt.
+pub(super) fn renew_patterns(spec: &AlignerSpec, views: &mut Views) {
+    let sums = views.pattern_sums.par_iter().zip(&views.detail_sums);
+    views.models.par_iter_mut().zip(sums).for_each(|(model, (sums, detail))| {
+        model.detail = OutlineDetail::new(&spec.rope, &model.contour, detail);
+        model.pattern = model.template.as_ref().map(|template| WirePattern::new(&spec.rope, template, sums));
+    });
+}
+
+/// Measures the wires of a stretch in every view, relative to what is predicted of them; where the prediction proves wrong, the
+/// wires of that strand are searched anew.
+pub(super) fn measure_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measured, wires: &[Option<WirePrediction>]) {
+    let grid = seen.grid(spec);
+    let stripes: Vec<_> = seen.stripes.iter().zip(&views.shifts).collect();
+    let predictions: Vec<Option<WirePrediction>> = (0..spec.rope.strands())
+        .map(|j| {
+            let readings = readings(&spec.rope, &stripes, j, grid);
+            let adapted = wires[j].map(|p| p.adapted(spec.rope.wires(), &readings));
+            match adapted {
+                Some((prediction, coherence)) if coherence >= LEAST_COHERENCE || readings.len() < 16 => {
+                    Some(prediction)
+                }
+                _ => search_wires(spec, views, &[&*seen], j),
+            }
+        })
+        .collect();
+    let Some(reference) = &seen.reference else { return };
+    seen.wires = stripes
+        .iter()
+        .zip(&views.models)
+        .map(|((stripes, shift), model)| {
+            (0..spec.rope.strands())
+                .map(|j| match predictions[j] {
+                    Some(prediction) => {
+                        let strand = |knot| reference.strand_rad(&spec.rope, knot, j);
+                        let (scale, angle) = (views.wire_noise_scale, model.camera.angle_rad);
+                        wire_knots(&spec.rope, stripes, shift, j, grid, prediction, scale, strand, angle)
+                    }
+                    None => vec![WireKnot::default(); grid.knots],
+                })
+                .collect()
+        })
+        .collect();
+}
