@@ -158,33 +158,81 @@ async fn upload(admin: &Caller, folder: &Path) -> String {
     id
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn a_job_killed_with_its_process_ends_with_the_same_result_as_an_undisturbed_one() {
+/// A simulated acquisition of two metres of intact rope in one view.
+fn simulated() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let recipe = Recipe { metres: 2.0, view_angles_deg: vec![0.0], ..Recipe::photographic() };
     write_acquisition(&Scene::new(&recipe, 7).unwrap(), folder.path(), |_| {}).unwrap();
-    let data = tempfile::tempdir().unwrap();
-    let token = token(data.path());
-    let mut process = Process::start(data.path());
+    folder
+}
+
+/// Runs the same job twice on a service with that acquisition, killing the process in the middle of the second run. Answers
+/// the service that was started anew, and both jobs at their ends: undisturbed and disturbed.
+async fn run_undisturbed_and_killed(folder: &Path, data: &Path, kind: &str) -> (Process, Caller, [Value; 2]) {
+    let token = token(data);
+    let mut process = Process::start(data);
     let admin = caller(&process, &token);
-    let acquisition = upload(&admin, folder.path()).await;
-    let undisturbed = admin.run(json!({ "kind": "inspect", "acquisition_id": acquisition })).await;
-    let job = admin.post("jobs", json!({ "kind": "inspect", "acquisition_id": acquisition })).await.ok(202);
+    let body = json!({ "kind": kind, "acquisition_id": upload(&admin, folder).await });
+    let undisturbed = admin.run(body.clone()).await;
+    let job = admin.post("jobs", body).await.ok(202);
     let id = job["id"].as_str().unwrap().to_owned();
     admin.reached(&id, "running").await;
     tokio::time::sleep(Duration::from_millis(300)).await;
+    assert_eq!(admin.get(&format!("jobs/{id}")).await.ok(200)["state"], "running", "killed too late to prove anything");
     process.kill();
 
-    let process = Process::start(data.path());
+    let process = Process::start(data);
     let admin = caller(&process, &token);
     let disturbed = admin.ended(&id).await;
     assert_eq!(disturbed["state"], "succeeded", "{disturbed}");
+    (process, admin, [undisturbed, disturbed])
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_inspection_killed_with_its_process_ends_with_the_same_result_as_an_undisturbed_one() {
+    let (folder, data) = (simulated(), tempfile::tempdir().unwrap());
+    let (_process, admin, jobs) = run_undisturbed_and_killed(folder.path(), data.path(), "inspect").await;
     let mut tables = Vec::new();
-    for job in [&undisturbed, &disturbed] {
+    for job in &jobs {
         let inspection = job["result"]["inspection_id"].as_str().unwrap();
         tables.push(admin.get(&format!("inspections/{inspection}/lay-lengths?format=csv")).await.text());
     }
     assert!(tables[0] == tables[1], "the results differ");
     let all = admin.get("inspections").await.ok(200);
     assert_eq!(all["items"].as_array().unwrap().len(), 2, "the job was neither lost nor doubled");
+}
+
+/// Header and packed tables of a model file. The header tells how many seconds the training took, which no two runs share.
+fn model_parts(file: &[u8]) -> (Value, &[u8]) {
+    let rest = file.strip_prefix(b"ropescope model 1\n").unwrap();
+    let (length, rest) = rest.split_first_chunk::<4>().unwrap();
+    let (header, tables) = rest.split_at(u32::from_le_bytes(*length) as usize);
+    let mut header: Value = serde_json::from_slice(header).unwrap();
+    assert!(header["report"].as_object_mut().unwrap().remove("seconds").unwrap().is_number());
+    (header, tables)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_training_killed_with_its_process_leaves_one_model_and_the_same_as_an_undisturbed_one() {
+    let (folder, data) = (simulated(), tempfile::tempdir().unwrap());
+    let (_process, admin, jobs) = run_undisturbed_and_killed(folder.path(), data.path(), "train").await;
+    let models = admin.get("models").await.ok(200);
+    let models = models["items"].as_array().unwrap();
+    assert_eq!(models.len(), 2, "the job was neither lost nor doubled");
+    let mut files = Vec::new();
+    for (job, version) in jobs.iter().zip(1..) {
+        let id = job["result"]["model_id"].as_str().unwrap();
+        let model = models.iter().find(|m| m["id"] == id).unwrap();
+        assert_eq!((&model["job_id"], &model["version"]), (&job["id"], &json!(version)));
+        let file = admin.get(&format!("models/{id}/file")).await;
+        assert_eq!(model["bytes"], file.bytes.len());
+        files.push(file.bytes);
+    }
+    let [undisturbed, disturbed] = [&files[0], &files[1]].map(|file| model_parts(file));
+    assert_eq!(disturbed.0, undisturbed.0, "the models say different things of themselves");
+    assert!(disturbed.1 == undisturbed.1, "the models judge differently");
+    // What the killed attempt wrote is gone: no third model lies on the disk, and no half one.
+    for (folder, files) in [("models", 2), ("work", 0)] {
+        assert_eq!(std::fs::read_dir(data.path().join(folder)).unwrap().count(), files, "{folder}");
+    }
 }

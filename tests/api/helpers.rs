@@ -283,8 +283,9 @@ impl Caller {
         self.ended(job["id"].as_str().unwrap()).await
     }
 
+    /// Waits for the end of a job; long, because real ones run in these tests too, and on busy machines.
     pub async fn ended(&self, job: &str) -> Value {
-        for _ in 0..400 {
+        for _ in 0..4000 {
             let job = self.get(&format!("jobs/{job}")).await.ok(200);
             if !["queued", "running"].contains(&job["state"].as_str().unwrap()) {
                 return job;
