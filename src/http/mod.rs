@@ -18,6 +18,7 @@ pub mod job_events;
 pub mod jobs;
 pub mod lay_lengths;
 pub mod line_scores;
+pub mod lines;
 pub mod models;
 pub mod openapi;
 pub mod pages;

@@ -1,7 +1,7 @@
 //! Appearance models: versioned per rope, with what they were trained on.
 
 use super::extract::{Path, Query};
-use super::frames::{Image, known, repr_digest};
+use super::frames::{Image, KnownVersion, known, repr_digest};
 use super::pages::{PageQuery, page_of};
 use super::problem::ReadProblems;
 use super::{Problem, times};
@@ -131,8 +131,7 @@ pub async fn list_models(
 
 /// The file of a model, as `inspect --model` reads it
 #[utoipa::path(get, path = "/models/{id}/file", tag = "models", params(
-    ("id" = Uuid, Path, description = "The model"),
-    ("if-none-match" = Option<String>, Header, description = "ETag of the version that the client has")),
+    ("id" = Uuid, Path, description = "The model"), KnownVersion),
     responses(
     (status = 200, description = "The file", body = Image, content_type = "application/octet-stream", headers(
         ("etag" = String, description = "Its digest, quoted"), ("repr-digest" = String, description = "RFC 9530"))),
