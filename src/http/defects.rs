@@ -19,7 +19,7 @@ use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 /// Longest comment, in characters.
-const MAX_COMMENT: usize = 4000;
+pub const MAX_COMMENT: usize = 4000;
 
 /// A run of lines of one view above the threshold.
 #[derive(Debug, Serialize, ToSchema)]

@@ -78,7 +78,7 @@ pub async fn get_line_scores(
     if !(1..=MAX_BUCKETS).contains(&n) {
         return Err(Problem::outside("buckets", f64::from(n), 1.0, f64::from(MAX_BUCKETS)));
     }
-    let path = app.store.folder().inspection(Id(id)).join(format!("line_scores_view{view}.f32"));
+    let path = app.store.folder().line_scores(Id(id), view);
     let read = tokio::task::spawn_blocking(move || -> Result<_, Problem> {
         let mut file = match std::fs::File::open(&path) {
             Ok(file) => file,

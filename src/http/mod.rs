@@ -30,6 +30,8 @@ pub mod ropeways;
 pub mod router;
 pub mod server;
 pub mod tables;
+pub mod threshold_preview;
+pub mod thresholds;
 pub mod times;
 pub mod tokens;
 mod upload;

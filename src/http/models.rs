@@ -6,7 +6,6 @@ use super::pages::{PageQuery, page_of};
 use super::problem::ReadProblems;
 use super::{Problem, times};
 use crate::app::App;
-use crate::pipeline::TrainReport;
 use crate::store::{Id, StoreError, models};
 use axum::body::Body;
 use axum::extract::State;
@@ -73,12 +72,7 @@ impl TryFrom<models::Model> for Model {
     type Error = StoreError;
 
     fn try_from(row: models::Model) -> Result<Self, StoreError> {
-        let report: TrainReport = serde_json::from_str(&row.report).map_err(|e| StoreError::Inconsistent {
-            table: "model",
-            column: "report",
-            row: row.id.to_string(),
-            value: e.to_string(),
-        })?;
+        let report = row.report()?;
         Ok(Self {
             id: row.id.0,
             rope_id: row.rope_id.0,
@@ -107,7 +101,8 @@ page_of!(
     ModelPage, Model, models::Model
 );
 
-async fn load(app: &App, id: Uuid) -> Result<models::Model, Problem> {
+/// The model of a path.
+pub async fn load(app: &App, id: Uuid) -> Result<models::Model, Problem> {
     app.store.model(Id(id)).await?.ok_or_else(|| Problem::no("model", id))
 }
 

@@ -87,6 +87,8 @@ kinds! {
     job_ended: CONFLICT, "job-ended", "The job has already ended";
     /// Somebody decided otherwise.
     verdict_differs: CONFLICT, "verdict-differs", "There is another verdict already";
+    /// Somebody else set a threshold before.
+    threshold_moved: CONFLICT, "threshold-moved", "The model has another threshold by now";
     /// Nothing is sent to the endpoint.
     endpoint_disabled: CONFLICT, "endpoint-disabled", "The webhook endpoint is switched off";
     /// Too many bytes.

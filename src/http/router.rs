@@ -3,7 +3,8 @@
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
 use super::{
     Problem, acquisitions, defects, deliveries, frames, guard, health, history, inspections, job_events, jobs,
-    lay_lengths, line_scores, models, openapi, pictures, ropes, ropeways, tokens, webhooks,
+    lay_lengths, line_scores, models, openapi, pictures, ropes, ropeways, threshold_preview, thresholds, tokens,
+    webhooks,
 };
 use crate::app::App;
 use axum::Router;
@@ -46,6 +47,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(models::list_models))
         .routes(routes!(models::get_model))
         .routes(routes!(models::get_model_file))
+        .routes(routes!(thresholds::list_thresholds))
         .routes(routes!(inspections::list_inspections))
         .routes(routes!(inspections::get_inspection))
         .routes(routes!(lay_lengths::get_lay_lengths))
@@ -66,6 +68,8 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(ropes::patch_ticketing))
         .routes(routes!(jobs::create_job))
         .routes(routes!(jobs::cancel_job))
+        .routes(routes!(thresholds::put_threshold))
+        .routes(routes!(threshold_preview::preview_threshold))
         .routes(routes!(defects::post_verdict))
         .routes(routes!(deliveries::list_deliveries))
         .routes(routes!(deliveries::get_delivery))

@@ -7,6 +7,7 @@ pub mod inspect;
 mod maps;
 pub mod model_file;
 pub mod progress;
+pub mod rejudge;
 pub mod results;
 pub mod source;
 pub mod stretches;

@@ -12,6 +12,7 @@ pub mod inspections;
 pub mod jobs;
 pub mod lay_lengths;
 pub mod leases;
+pub mod model_thresholds;
 pub mod models;
 pub mod outbox;
 mod rope_file;

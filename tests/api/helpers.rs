@@ -24,6 +24,9 @@ pub const SENSOR_PX: u32 = 64;
 /// Lines of the frames of tests.
 pub const LINES: u32 = 100;
 
+/// Threshold of the models of tests.
+pub const TRAINED_THRESHOLD: f64 = 6.0;
+
 /// Stands in for vision: writes a small results folder, or waits to be stopped.
 #[derive(Default)]
 pub struct ToyEngine {
@@ -62,7 +65,7 @@ impl Engine for ToyEngine {
             from_m: options.from_m.unwrap_or(0.0),
             to_m: options.to_m.unwrap_or(1.0),
             learnt_view_m: 1.0,
-            threshold: 3.0,
+            threshold: TRAINED_THRESHOLD,
             threshold_origin: "a toy".into(),
             seconds: 0.1,
             notes: vec![],
@@ -134,6 +137,8 @@ impl Engine for ToyEngine {
                     for line in 0..pixels.lines {
                         let score = if frame == 0 && line == 42 {
                             9.0
+                        } else if frame == 2 && line == LINES as usize - 1 {
+                            5.0 // under the threshold
                         } else if frame == 1 {
                             f32::NAN
                         } else {
@@ -153,7 +158,10 @@ impl Engine for ToyEngine {
             metres: 0.02,
             covered_view_m: 0.01,
             not_covered: vec![],
-            threshold: options.threshold.map(|line_score| Threshold { line_score, origin: "the request".into() }),
+            threshold: options.model_path.as_ref().map(|_| Threshold {
+                line_score: options.threshold.unwrap_or(TRAINED_THRESHOLD),
+                origin: "a toy".into(),
+            }),
             defects: found,
             seconds: 0.1,
             metres_per_second: 1.0,

@@ -12,3 +12,4 @@ mod jobs;
 mod leases;
 mod results;
 mod ropes;
+mod thresholds;
