@@ -5,7 +5,7 @@ use super::extract::{Json, Path, Query};
 use super::pages::{PageQuery, page_of};
 use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{MAX_NAME, check_text};
-use super::tables::{CsvTable, Format, cell, wants_csv};
+use super::tables::{CsvTable, FormatQuery, cell, wants_csv};
 use super::{Problem, inspections, times};
 use crate::app::App;
 use crate::store::defects::{self, Judged};
@@ -133,15 +133,6 @@ pub struct DefectFilter {
     /// Only those in this state.
     #[param(inline)]
     state: Option<DefectState>,
-}
-
-/// How the table is sent.
-#[derive(Debug, Deserialize, IntoParams)]
-#[into_params(parameter_in = Query)]
-pub struct FormatQuery {
-    /// `json` (default) or `csv`; `Accept: text/csv` does too.
-    #[param(inline)]
-    format: Option<Format>,
 }
 
 /// What a person decides.

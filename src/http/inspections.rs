@@ -97,6 +97,12 @@ pub struct InspectionFilter {
     acquisition_id: Option<Uuid>,
 }
 
+impl From<results::NotCovered> for NotCovered {
+    fn from(n: results::NotCovered) -> Self {
+        Self { view: n.view, from_m: n.from_m, to_m: n.to_m, reason: n.reason }
+    }
+}
+
 impl From<results::Threshold> for Threshold {
     fn from(t: results::Threshold) -> Self {
         Self { line_score: t.line_score, origin: t.origin }
@@ -112,11 +118,7 @@ impl From<results::Summary> for Summary {
             lines: s.lines,
             metres: s.metres,
             covered_view_m: s.covered_view_m,
-            not_covered: s
-                .not_covered
-                .into_iter()
-                .map(|n| NotCovered { view: n.view, from_m: n.from_m, to_m: n.to_m, reason: n.reason })
-                .collect(),
+            not_covered: s.not_covered.into_iter().map(NotCovered::from).collect(),
             threshold: s.threshold.map(Threshold::from),
             defects: s.defects,
             seconds: s.seconds,

@@ -13,6 +13,7 @@ pub mod source;
 pub mod stretches;
 pub mod tables;
 pub mod train;
+pub mod windows;
 
 pub use acquisition::{Acquisition, AcquisitionError, RopeFile};
 pub use inspect::{InspectOptions, inspect};

@@ -16,6 +16,7 @@ pub mod model_thresholds;
 pub mod models;
 pub mod outbox;
 mod rope_file;
+pub mod rope_windows;
 pub mod ropes;
 pub mod ropeways;
 pub mod tokens;

@@ -3,7 +3,7 @@
 use ropescope::clock::SystemClock;
 use ropescope::config::Settings;
 use ropescope::http::auth;
-use ropescope::pipeline::results::{AlarmRow, DefectRow, Summary, Threshold};
+use ropescope::pipeline::results::{AlarmRow, DefectRow, NotCovered, Summary, Threshold};
 use ropescope::pipeline::{
     Acquisition, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions, TrainReport,
 };
@@ -155,9 +155,14 @@ impl Engine for ToyEngine {
             model: options.model_path.as_ref().map(|_| "toy".into()),
             construction: acquisition.construction(),
             lines: source.frames(0) * LINES as usize,
-            metres: 0.02,
+            metres: 0.03,
             covered_view_m: 0.01,
-            not_covered: vec![],
+            not_covered: vec![NotCovered {
+                view: 0,
+                from_m: acquisition.position_m(LINES as usize),
+                to_m: acquisition.position_m(2 * LINES as usize),
+                reason: "too dark".into(),
+            }],
             threshold: options.model_path.as_ref().map(|_| Threshold {
                 line_score: options.threshold.unwrap_or(TRAINED_THRESHOLD),
                 origin: "a toy".into(),

@@ -12,4 +12,5 @@ mod jobs;
 mod leases;
 mod results;
 mod ropes;
+mod surface_alarms;
 mod thresholds;
