@@ -271,12 +271,16 @@ pub async fn list_defects(
     Ok(axum::Json(app.store.defects(filter.rope_id.map(Id), state, page.request()?).await?.try_into()?))
 }
 
+/// The defect of a path.
+pub async fn load(app: &App, id: Uuid) -> Result<defects::Defect, Problem> {
+    app.store.defect(Id(id)).await?.ok_or_else(|| Problem::no("defect", id))
+}
+
 /// A defect
 #[utoipa::path(get, path = "/defects/{id}", tag = "defects", params(("id" = Uuid, Path, description = "The defect")),
     responses((status = 200, description = "The defect", body = Defect), ReadProblems))]
 pub async fn get_defect(State(app): State<App>, Path(id): Path<Uuid>) -> Result<axum::Json<Defect>, Problem> {
-    let row = app.store.defect(Id(id)).await?.ok_or_else(|| Problem::no("defect", id))?;
-    Ok(axum::Json(row.try_into()?))
+    Ok(axum::Json(load(&app, id).await?.try_into()?))
 }
 
 /// Confirm or dismiss a defect; a confirmation makes its ticket

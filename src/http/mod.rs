@@ -6,6 +6,7 @@
 pub mod acquisitions;
 pub mod auth;
 pub mod buckets;
+pub mod defect_card;
 pub mod defects;
 pub mod deliveries;
 pub mod extract;

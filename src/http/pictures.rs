@@ -68,7 +68,7 @@ pub struct ViewPath {
 
 /// A request for a picture, whatever it shall show.
 #[derive(FromRequestParts)]
-#[from_request(state(App), rejection(Problem))]
+#[from_request(state(App))]
 pub struct PictureRequest {
     #[from_request(via(Path))]
     path: ViewPath,
@@ -132,7 +132,6 @@ async fn picture(app: &App, request: PictureRequest, kind: Kind) -> Result<Respo
     if known(&headers, &tags[0].1) {
         return Ok((StatusCode::NOT_MODIFIED, tags).into_response());
     }
-    let maps = app.store.folder().inspection(Id(id)).join(format!("maps/view{view}"));
     let mut first_line = 0;
     let mut tiles = Vec::new();
     for frame in &frames {
@@ -140,7 +139,7 @@ async fn picture(app: &App, request: PictureRequest, kind: Kind) -> Result<Respo
         if end > from && first_line < to {
             let path = match kind {
                 Kind::Image => app.store.folder().frame(frame.acquisition_id, view, frame.frame, &frame.sha256),
-                Kind::Likelihood => maps.join(format!("frame_{:06}.png", frame.frame)),
+                Kind::Likelihood => app.store.folder().likelihood_map(Id(id), view, frame.frame),
             };
             tiles.push(Tile { first_line, lines: u64::from(frame.lines), path });
         }

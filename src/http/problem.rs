@@ -115,6 +115,8 @@ kinds! {
     range_too_large: UNPROCESSABLE_ENTITY, "range-too-large", "The range is larger than one request may ask for";
     /// Nothing was inspected with a model.
     no_likelihood: NOT_FOUND, "no-likelihood", "The inspection has no likelihood maps";
+    /// A defect that cannot be shown close up.
+    no_card: NOT_FOUND, "no-card", "There is no card of the defect";
     /// Our fault.
     internal: INTERNAL_SERVER_ERROR, "internal", "The service failed";
     /// Too much to do.

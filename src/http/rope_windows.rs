@@ -46,6 +46,7 @@ pub struct RopeWindow {
     #[schema(minimum = 0.5, maximum = 10000, example = 6.0)]
     pub length: f64,
     /// More surface alarms in any window of this length are over the limit; null: no limit.
+    #[serde(deserialize_with = "Option::deserialize")] // null has to be said
     #[schema(required, maximum = 1_000_000)]
     pub most_surface_alarms: Option<u32>,
 }

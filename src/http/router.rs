@@ -2,8 +2,8 @@
 
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
 use super::{
-    Problem, acquisitions, defects, deliveries, frames, guard, health, history, inspections, job_events, jobs,
-    lay_lengths, line_scores, models, openapi, pictures, rope_windows, ropes, ropeways, surface_alarms,
+    Problem, acquisitions, defect_card, defects, deliveries, frames, guard, health, history, inspections, job_events,
+    jobs, lay_lengths, line_scores, models, openapi, pictures, rope_windows, ropes, ropeways, surface_alarms,
     threshold_preview, thresholds, tokens, webhooks,
 };
 use crate::app::App;
@@ -59,6 +59,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(defects::get_inspection_defects))
         .routes(routes!(defects::list_defects))
         .routes(routes!(defects::get_defect))
+        .routes(routes!(defect_card::get_defect_card))
         .routes(routes!(history::get_rope_history))
         .routes(routes!(history::get_ropeway_history));
     let ticketers = OpenApiRouter::new().routes(routes!(defects::put_ticket));

@@ -1,11 +1,13 @@
 //! Drives `vision` over an acquisition, wherever its frames come from.
 
 pub mod acquisition;
+pub mod closeup;
 mod detection;
 mod drive;
 pub mod inspect;
 mod maps;
 pub mod model_file;
+pub mod profile;
 pub mod progress;
 pub mod rejudge;
 pub mod results;

@@ -124,13 +124,6 @@ async fn gather(app: &App, job: &Job) -> Result<Input, NoOutput> {
     };
     let acquisition = app.store.acquisition(job.acquisition_id).await?.ok_or_else(|| gone("acquisition"))?;
     let rope = app.store.rope(job.rope_id).await?.ok_or_else(|| gone("rope"))?;
-    let mut paths = Vec::with_capacity(acquisition.views.len());
-    for view in &acquisition.views {
-        let frames = app.store.frames(job.acquisition_id, view.view).await?;
-        paths.push(
-            frames.iter().map(|f| app.store.folder().frame(f.acquisition_id, f.view, f.frame, &f.sha256)).collect(),
-        );
-    }
     let file = acquisition.rope_file(&rope.design);
     let checked = file.validate().map_err(|error| {
         NoOutput::Failed(Failure::of_pipeline(&PipelineError::Acquisition(error), &app.settings.data))
@@ -141,7 +134,7 @@ async fn gather(app: &App, job: &Job) -> Result<Input, NoOutput> {
     };
     Ok(Input {
         threshold,
-        frames: FrameFiles::new(checked.sensor_px, paths),
+        frames: app.store.frame_files(&acquisition).await?,
         acquisition: checked,
         model_path: job.model_id.map(|model| app.store.folder().model(model)),
     })
