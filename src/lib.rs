@@ -6,6 +6,7 @@
 pub mod app; // what handlers and workers share
 pub mod clock; // time as an argument
 pub mod config; // every setting
+pub mod drawing; // pictures for people
 pub mod evaluate; // results against truth
 pub mod http; // the API
 pub mod pipeline; // vision over a whole acquisition

@@ -1,10 +1,12 @@
 //! `ropescope token`.
 
-use clap::{Subcommand, ValueEnum};
+use clap::Subcommand;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use ropescope::clock::{Clock, SystemClock};
 use ropescope::http::auth;
 use ropescope::http::times::rfc3339;
-use ropescope::store::{Store, tokens};
+use ropescope::store::Store;
+use ropescope::store::tokens::Role;
 use std::path::PathBuf;
 
 /// Makes, lists and revokes access tokens.
@@ -19,7 +21,7 @@ enum TokenCommand {
     /// Makes a token and prints it alone on the last line
     Create {
         /// What it may do
-        #[arg(long)]
+        #[arg(long, value_parser = role_parser())]
         role: Role,
         /// Data folder of the service
         #[arg(long, env = "ROPESCOPE_DATA", value_name = "DIR")]
@@ -44,30 +46,10 @@ enum TokenCommand {
     },
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Role {
-    /// Everything
-    Admin,
-    /// Everything but tokens and webhook endpoints
-    Operator,
-    /// Reads ropes, writes acquisitions and frames
-    Upload,
-    /// Reads
-    Read,
-    /// Reads, and writes tickets back
-    Ticketing,
-}
-
-impl From<Role> for tokens::Role {
-    fn from(role: Role) -> Self {
-        match role {
-            Role::Admin => Self::Admin,
-            Role::Operator => Self::Operator,
-            Role::Upload => Self::Upload,
-            Role::Read => Self::Read,
-            Role::Ticketing => Self::Ticketing,
-        }
-    }
+/// Reads a role by its name; the help lists all of them.
+fn role_parser() -> impl TypedValueParser<Value = Role> {
+    let names = Role::ALL.map(|role| PossibleValue::new(role.name()).help(role.meaning()));
+    PossibleValuesParser::new(names).try_map(|name| Role::of_name(&name).ok_or(format!("there is no role {name}")))
 }
 
 /// Runs the command.
@@ -78,7 +60,7 @@ pub(crate) fn run(args: TokenArgs) -> anyhow::Result<()> {
         match args.command {
             TokenCommand::Create { role, data, name } => {
                 let store = Store::open(&data).await?;
-                let (row, token) = auth::issue(&store, &name, role.into(), now_ms).await?;
+                let (row, token) = auth::issue(&store, &name, role, now_ms).await?;
                 store.close().await;
                 eprintln!("token {} of role {} for {}; it is shown only now", row.id, row.role, row.name);
                 println!("{token}");

@@ -5,7 +5,7 @@ use super::extract::{Json, Path, Query};
 use super::pages::{PageQuery, page_of};
 use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{MAX_NAME, check_text};
-use super::tables::{CsvTable, Format, cell, wants_csv};
+use super::tables::{CsvTable, FormatQuery, cell, wants_csv};
 use super::{Problem, inspections, times};
 use crate::app::App;
 use crate::store::defects::{self, Judged};
@@ -19,7 +19,7 @@ use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 /// Longest comment, in characters.
-const MAX_COMMENT: usize = 4000;
+pub const MAX_COMMENT: usize = 4000;
 
 /// A run of lines of one view above the threshold.
 #[derive(Debug, Serialize, ToSchema)]
@@ -133,15 +133,6 @@ pub struct DefectFilter {
     /// Only those in this state.
     #[param(inline)]
     state: Option<DefectState>,
-}
-
-/// How the table is sent.
-#[derive(Debug, Deserialize, IntoParams)]
-#[into_params(parameter_in = Query)]
-pub struct FormatQuery {
-    /// `json` (default) or `csv`; `Accept: text/csv` does too.
-    #[param(inline)]
-    format: Option<Format>,
 }
 
 /// What a person decides.
@@ -280,12 +271,16 @@ pub async fn list_defects(
     Ok(axum::Json(app.store.defects(filter.rope_id.map(Id), state, page.request()?).await?.try_into()?))
 }
 
+/// The defect of a path.
+pub async fn load(app: &App, id: Uuid) -> Result<defects::Defect, Problem> {
+    app.store.defect(Id(id)).await?.ok_or_else(|| Problem::no("defect", id))
+}
+
 /// A defect
 #[utoipa::path(get, path = "/defects/{id}", tag = "defects", params(("id" = Uuid, Path, description = "The defect")),
     responses((status = 200, description = "The defect", body = Defect), ReadProblems))]
 pub async fn get_defect(State(app): State<App>, Path(id): Path<Uuid>) -> Result<axum::Json<Defect>, Problem> {
-    let row = app.store.defect(Id(id)).await?.ok_or_else(|| Problem::no("defect", id))?;
-    Ok(axum::Json(row.try_into()?))
+    Ok(axum::Json(load(&app, id).await?.try_into()?))
 }
 
 /// Confirm or dismiss a defect; a confirmation makes its ticket

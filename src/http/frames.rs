@@ -18,7 +18,7 @@ use base64::prelude::BASE64_STANDARD;
 use serde::Serialize;
 use serde_json::json;
 use std::path::Path as FilePath;
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 /// A frame that is there.
@@ -56,6 +56,15 @@ impl From<Row> for Frame {
             received_at: times::rfc3339(row.received_at_ms),
         }
     }
+}
+
+/// The version that the client has, for the contract; [`known`] reads it.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Header)]
+pub struct KnownVersion {
+    /// ETag of the version that the client has.
+    #[param(rename = "if-none-match")]
+    _if_none_match: Option<String>,
 }
 
 /// The bytes of an image, for the contract.
@@ -251,8 +260,7 @@ pub fn known(headers: &HeaderMap, etag: &str) -> bool {
 #[utoipa::path(get, path = "/acquisitions/{id}/views/{view}/frames/{frame}", tag = "acquisitions", params(
     ("id" = Uuid, Path, description = "The acquisition"),
     ("view" = u32, Path, description = "The view, from 0"),
-    ("frame" = u32, Path, description = "Number of the frame, from 0"),
-    ("if-none-match" = Option<String>, Header, description = "ETag of the version that the client has")),
+    ("frame" = u32, Path, description = "Number of the frame, from 0"), KnownVersion),
     responses(
     (status = 200, description = "The stored bytes", content((Image = "image/png"), (Image = "image/tiff")), headers(
         ("etag" = String, description = "Its digest, quoted"), ("repr-digest" = String, description = "RFC 9530"))),

@@ -5,7 +5,7 @@ use super::extract::{Path, Query};
 use super::lay_lengths::{check_buckets, range_m};
 use super::problem::ReadProblems;
 use super::tables::{CsvTable, Format, wants_csv};
-use super::{Problem, times};
+use super::{Problem, ropes, times};
 use crate::app::App;
 use crate::store::ropes::Rope;
 use crate::store::{Id, PageRequest};
@@ -101,7 +101,7 @@ pub async fn get_rope_history(
     Query(query): Query<HistoryQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let rope = app.store.rope(Id(id)).await?.ok_or_else(|| Problem::no("rope", id))?;
+    let rope = ropes::load(&app, id).await?;
     answer(&app, vec![rope], &query, &headers).await
 }
 

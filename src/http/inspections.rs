@@ -97,6 +97,18 @@ pub struct InspectionFilter {
     acquisition_id: Option<Uuid>,
 }
 
+impl From<results::NotCovered> for NotCovered {
+    fn from(n: results::NotCovered) -> Self {
+        Self { view: n.view, from_m: n.from_m, to_m: n.to_m, reason: n.reason }
+    }
+}
+
+impl From<results::Threshold> for Threshold {
+    fn from(t: results::Threshold) -> Self {
+        Self { line_score: t.line_score, origin: t.origin }
+    }
+}
+
 impl From<results::Summary> for Summary {
     fn from(s: results::Summary) -> Self {
         Self {
@@ -106,12 +118,8 @@ impl From<results::Summary> for Summary {
             lines: s.lines,
             metres: s.metres,
             covered_view_m: s.covered_view_m,
-            not_covered: s
-                .not_covered
-                .into_iter()
-                .map(|n| NotCovered { view: n.view, from_m: n.from_m, to_m: n.to_m, reason: n.reason })
-                .collect(),
-            threshold: s.threshold.map(|t| Threshold { line_score: t.line_score, origin: t.origin }),
+            not_covered: s.not_covered.into_iter().map(NotCovered::from).collect(),
+            threshold: s.threshold.map(Threshold::from),
             defects: s.defects,
             seconds: s.seconds,
             metres_per_second: s.metres_per_second,
@@ -124,19 +132,13 @@ impl TryFrom<inspections::Inspection> for Inspection {
     type Error = StoreError;
 
     fn try_from(row: inspections::Inspection) -> Result<Self, StoreError> {
-        let summary: results::Summary = serde_json::from_str(&row.summary).map_err(|e| StoreError::Inconsistent {
-            table: "inspection",
-            column: "summary",
-            row: row.id.to_string(),
-            value: e.to_string(),
-        })?;
         Ok(Self {
             id: row.id.0,
             acquisition_id: row.acquisition_id.0,
             rope_id: row.rope_id.0,
             model_id: row.model_id.map(|m| m.0),
             job_id: row.job_id.0,
-            summary: summary.into(),
+            summary: row.summary()?.into(),
             created_at: times::rfc3339(row.created_at_ms),
         })
     }

@@ -43,7 +43,7 @@ pub enum NewJob {
         acquisition_id: Uuid,
         /// A model of the same rope; without one, only lay lengths are measured.
         model_id: Option<Uuid>,
-        /// Line score above which a line is an alarm, else the model's own.
+        /// Line score above which a line is an alarm, else the model's threshold at this moment.
         threshold: Option<f64>,
         /// A repeated request with the same key is the same job.
         #[schema(min_length = 1, max_length = 200)]

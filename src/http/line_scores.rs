@@ -1,6 +1,7 @@
 //! Line scores of one view, greatest per bucket: a defect of one line must not drown in a mean.
 
 use super::extract::{Path, Query};
+use super::lines::{LineNumber, line_range};
 use super::problem::ReadProblems;
 use super::{Problem, inspections};
 use crate::app::App;
@@ -51,9 +52,11 @@ pub struct LineScoreQuery {
     #[param(minimum = 0, maximum = 7)]
     view: u32,
     /// First line, else 0.
-    from_line: Option<u64>,
+    #[param(inline)]
+    from_line: Option<LineNumber>,
     /// Line after the last one, else the end.
-    to_line: Option<u64>,
+    #[param(inline)]
+    to_line: Option<LineNumber>,
     /// Number of buckets, else 1000; never more than lines.
     #[param(minimum = 1, maximum = 10000)]
     buckets: Option<u32>,
@@ -75,7 +78,7 @@ pub async fn get_line_scores(
     if !(1..=MAX_BUCKETS).contains(&n) {
         return Err(Problem::outside("buckets", f64::from(n), 1.0, f64::from(MAX_BUCKETS)));
     }
-    let path = app.store.folder().inspection(Id(id)).join(format!("line_scores_view{view}.f32"));
+    let path = app.store.folder().line_scores(Id(id), view);
     let read = tokio::task::spawn_blocking(move || -> Result<_, Problem> {
         let mut file = match std::fs::File::open(&path) {
             Ok(file) => file,
@@ -85,11 +88,7 @@ pub async fn get_line_scores(
             Err(e) => return Err(Problem::failure(format!("{}: {e}", path.display()))),
         };
         let lines = file.metadata().map_err(Problem::failure)?.len() / 4;
-        let (from, to) = (query.from_line.unwrap_or(0), query.to_line.unwrap_or(lines).min(lines));
-        if from >= to {
-            return Err(Problem::out_of_range(format!("the range begins at line {from} and ends before line {to}, so it is empty; view {view} has {lines} lines"))
-                .limit(from, to));
-        }
+        let (from, to) = line_range(query.from_line, query.to_line, lines)?;
         file.seek(SeekFrom::Start(from * 4)).map_err(Problem::failure)?;
         let mut reader = std::io::BufReader::with_capacity(1 << 18, file);
         let buckets = u64::from(n).min(to - from);

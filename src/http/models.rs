@@ -1,12 +1,11 @@
 //! Appearance models: versioned per rope, with what they were trained on.
 
 use super::extract::{Path, Query};
-use super::frames::{Image, known, repr_digest};
+use super::frames::{Image, KnownVersion, known, repr_digest};
 use super::pages::{PageQuery, page_of};
 use super::problem::ReadProblems;
 use super::{Problem, times};
 use crate::app::App;
-use crate::pipeline::TrainReport;
 use crate::store::{Id, StoreError, models};
 use axum::body::Body;
 use axum::extract::State;
@@ -73,12 +72,7 @@ impl TryFrom<models::Model> for Model {
     type Error = StoreError;
 
     fn try_from(row: models::Model) -> Result<Self, StoreError> {
-        let report: TrainReport = serde_json::from_str(&row.report).map_err(|e| StoreError::Inconsistent {
-            table: "model",
-            column: "report",
-            row: row.id.to_string(),
-            value: e.to_string(),
-        })?;
+        let report = row.report()?;
         Ok(Self {
             id: row.id.0,
             rope_id: row.rope_id.0,
@@ -107,7 +101,8 @@ page_of!(
     ModelPage, Model, models::Model
 );
 
-async fn load(app: &App, id: Uuid) -> Result<models::Model, Problem> {
+/// The model of a path.
+pub async fn load(app: &App, id: Uuid) -> Result<models::Model, Problem> {
     app.store.model(Id(id)).await?.ok_or_else(|| Problem::no("model", id))
 }
 
@@ -131,8 +126,7 @@ pub async fn list_models(
 
 /// The file of a model, as `inspect --model` reads it
 #[utoipa::path(get, path = "/models/{id}/file", tag = "models", params(
-    ("id" = Uuid, Path, description = "The model"),
-    ("if-none-match" = Option<String>, Header, description = "ETag of the version that the client has")),
+    ("id" = Uuid, Path, description = "The model"), KnownVersion),
     responses(
     (status = 200, description = "The file", body = Image, content_type = "application/octet-stream", headers(
         ("etag" = String, description = "Its digest, quoted"), ("repr-digest" = String, description = "RFC 9530"))),

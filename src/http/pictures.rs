@@ -1,19 +1,20 @@
 //! Likelihood maps and images of any range of a view, scaled to what the client can show.
 
 use super::extract::{Path, Query};
-use super::frames::{Image, known};
+use super::frames::{Image, KnownVersion, known};
+use super::lines::{LineNumber, line_range, not_empty};
 use super::picture::{Strip, Tile, render};
 use super::problem::ReadProblems;
 use super::{Problem, inspections};
 use crate::app::App;
 use crate::store::Id;
-use axum::extract::State;
+use axum::extract::{FromRequestParts, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::json;
 use sha2::{Digest, Sha256};
-use utoipa::IntoParams;
+use utoipa::{IntoParams, IntoResponses};
 use uuid::Uuid;
 
 /// Longest side of a picture in px.
@@ -34,9 +35,11 @@ pub struct PictureQuery {
     /// Rope metre up to which.
     to_m: Option<f64>,
     /// First camera line, else 0.
-    from_line: Option<u64>,
+    #[param(inline)]
+    from_line: Option<LineNumber>,
     /// Line after the last one, else the end of the view.
-    to_line: Option<u64>,
+    #[param(inline)]
+    to_line: Option<LineNumber>,
     /// Columns of the picture, at most those of the sensor (then the default): pictures are never enlarged.
     #[param(minimum = 1, maximum = 8192)]
     width: Option<u32>,
@@ -53,49 +56,65 @@ enum Kind {
     Image,
 }
 
+/// Which view of which inspection.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Path)]
+pub struct ViewPath {
+    /// The inspection
+    id: Uuid,
+    /// The view, from 0
+    view: u32,
+}
+
+/// A request for a picture, whatever it shall show.
+#[derive(FromRequestParts)]
+#[from_request(state(App))]
+pub struct PictureRequest {
+    #[from_request(via(Path))]
+    path: ViewPath,
+    #[from_request(via(Query))]
+    query: PictureQuery,
+    headers: HeaderMap,
+}
+
+/// What a request for a picture is answered, for the contract.
+#[derive(IntoResponses)]
+pub enum PictureAnswer {
+    /// The picture
+    #[response(status = 200, content_type = "image/png", headers(("etag" = String, description = "Version of the picture")))]
+    Picture(Image),
+    /// The client has it
+    #[response(status = 304)]
+    Known,
+}
+
 /// Likelihood map of a range of a view: rows are camera lines, dark is unlikely, transparent was not inspected. Scaled down by
 /// the darkest pixel, so that small defects stay visible
-#[utoipa::path(get, path = "/inspections/{id}/views/{view}/likelihood.png", tag = "inspections", params(
-    ("id" = Uuid, Path, description = "The inspection"), ("view" = u32, Path, description = "The view, from 0"), PictureQuery,
-    ("if-none-match" = Option<String>, Header, description = "ETag of the version that the client has")),
-    responses(
-    (status = 200, description = "The picture", body = Image, content_type = "image/png", headers(("etag" = String, description = "Version of the picture"))),
-    (status = 304, description = "The client has it"),
-    ReadProblems))]
-pub async fn get_likelihood(
-    State(app): State<App>,
-    Path((id, view)): Path<(Uuid, u32)>,
-    Query(query): Query<PictureQuery>,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    picture(&app, id, view, &query, &headers, Kind::Likelihood).await
+#[utoipa::path(
+    get,
+    path = "/inspections/{id}/views/{view}/likelihood.png",
+    tag = "inspections",
+    params(ViewPath, PictureQuery, KnownVersion),
+    responses(PictureAnswer, ReadProblems)
+)]
+pub async fn get_likelihood(State(app): State<App>, request: PictureRequest) -> Result<Response, Problem> {
+    picture(&app, request, Kind::Likelihood).await
 }
 
 /// Image of a range of a view, in the geometry of the likelihood map; scaled down by the mean
-#[utoipa::path(get, path = "/inspections/{id}/views/{view}/image.png", tag = "inspections", params(
-    ("id" = Uuid, Path, description = "The inspection"), ("view" = u32, Path, description = "The view, from 0"), PictureQuery,
-    ("if-none-match" = Option<String>, Header, description = "ETag of the version that the client has")),
-    responses(
-    (status = 200, description = "The picture", body = Image, content_type = "image/png", headers(("etag" = String, description = "Version of the picture"))),
-    (status = 304, description = "The client has it"),
-    ReadProblems))]
-pub async fn get_image(
-    State(app): State<App>,
-    Path((id, view)): Path<(Uuid, u32)>,
-    Query(query): Query<PictureQuery>,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    picture(&app, id, view, &query, &headers, Kind::Image).await
+#[utoipa::path(
+    get,
+    path = "/inspections/{id}/views/{view}/image.png",
+    tag = "inspections",
+    params(ViewPath, PictureQuery, KnownVersion),
+    responses(PictureAnswer, ReadProblems)
+)]
+pub async fn get_image(State(app): State<App>, request: PictureRequest) -> Result<Response, Problem> {
+    picture(&app, request, Kind::Image).await
 }
 
-async fn picture(
-    app: &App,
-    id: Uuid,
-    view: u32,
-    query: &PictureQuery,
-    headers: &HeaderMap,
-    kind: Kind,
-) -> Result<Response, Problem> {
+async fn picture(app: &App, request: PictureRequest, kind: Kind) -> Result<Response, Problem> {
+    let PictureRequest { path: ViewPath { id, view }, query, headers } = request;
     let inspection = inspections::load(app, id).await?;
     let acquisition = inspections::check_view(app, inspection.acquisition_id, view).await?;
     if kind == Kind::Likelihood && inspection.model_id.is_none() {
@@ -105,15 +124,14 @@ async fn picture(
     let lines: u64 = frames.iter().map(|f| u64::from(f.lines)).sum();
     let row = &acquisition.row;
     let line_of = |m: f64| ((m - row.start_m) * 1000.0 / row.line_pitch_mm).round().max(0.0) as u64;
-    let (from, to) = range(query, lines, line_of)?;
-    let (width, height) = size(query, row.sensor_px, to - from)?;
+    let (from, to) = range(&query, lines, line_of)?;
+    let (width, height) = size(&query, row.sensor_px, to - from)?;
     let name = format!("{VERSION} {id} {view} {} {from} {to} {width} {height}", kind as u8);
     let digest: String = Sha256::digest(name).iter().take(16).map(|b| format!("{b:02x}")).collect();
     let tags = [(header::ETAG, format!("\"{digest}\"")), (header::CACHE_CONTROL, "private, max-age=86400".to_owned())];
-    if known(headers, &tags[0].1) {
+    if known(&headers, &tags[0].1) {
         return Ok((StatusCode::NOT_MODIFIED, tags).into_response());
     }
-    let maps = app.store.folder().inspection(Id(id)).join(format!("maps/view{view}"));
     let mut first_line = 0;
     let mut tiles = Vec::new();
     for frame in &frames {
@@ -121,7 +139,7 @@ async fn picture(
         if end > from && first_line < to {
             let path = match kind {
                 Kind::Image => app.store.folder().frame(frame.acquisition_id, view, frame.frame, &frame.sha256),
-                Kind::Likelihood => maps.join(format!("frame_{:06}.png", frame.frame)),
+                Kind::Likelihood => app.store.folder().likelihood_map(Id(id), view, frame.frame),
             };
             tiles.push(Tile { first_line, lines: u64::from(frame.lines), path });
         }
@@ -152,14 +170,11 @@ fn range(query: &PictureQuery, lines: u64, line_of: impl Fn(f64) -> u64) -> Resu
     if metres && (query.from_line.is_some() || query.to_line.is_some()) {
         return Err(Problem::malformed_query("the range is given in metres and in lines: one of them is enough"));
     }
-    let from = query.from_m.map(&line_of).or(query.from_line).unwrap_or(0);
-    let to = query.to_m.map(&line_of).or(query.to_line).unwrap_or(lines).min(lines);
-    if from >= to {
-        return Err(Problem::out_of_range(format!(
-            "the range begins at line {from} and ends before line {to}, so it is empty; the view has {lines} lines"
-        ))
-        .limit(from, to));
-    }
+    let (from, to) = if metres {
+        not_empty(query.from_m.map_or(0, &line_of), query.to_m.map_or(lines, &line_of), lines)?
+    } else {
+        line_range(query.from_line, query.to_line, lines)?
+    };
     if to - from > MAX_LINES {
         return Err(Problem::range_too_large(format!(
             "the range has {} lines, but one picture shows at most {MAX_LINES}",

@@ -87,6 +87,8 @@ kinds! {
     job_ended: CONFLICT, "job-ended", "The job has already ended";
     /// Somebody decided otherwise.
     verdict_differs: CONFLICT, "verdict-differs", "There is another verdict already";
+    /// Somebody else set a threshold before.
+    threshold_moved: CONFLICT, "threshold-moved", "The model has another threshold by now";
     /// Nothing is sent to the endpoint.
     endpoint_disabled: CONFLICT, "endpoint-disabled", "The webhook endpoint is switched off";
     /// Too many bytes.
@@ -113,6 +115,8 @@ kinds! {
     range_too_large: UNPROCESSABLE_ENTITY, "range-too-large", "The range is larger than one request may ask for";
     /// Nothing was inspected with a model.
     no_likelihood: NOT_FOUND, "no-likelihood", "The inspection has no likelihood maps";
+    /// A defect that cannot be shown close up.
+    no_card: NOT_FOUND, "no-card", "There is no card of the defect";
     /// Our fault.
     internal: INTERNAL_SERVER_ERROR, "internal", "The service failed";
     /// Too much to do.

@@ -223,12 +223,16 @@ pub async fn put_rope(
     create(&app, Some(id), body).await
 }
 
+/// The rope of a path.
+pub async fn load(app: &App, id: Uuid) -> Result<ropes::Rope, Problem> {
+    app.store.rope(Id(id)).await?.ok_or_else(|| Problem::no("rope", id))
+}
+
 /// A rope
 #[utoipa::path(get, path = "/ropes/{id}", tag = "ropes", params(("id" = Uuid, Path, description = "The rope")),
     responses((status = 200, description = "The rope", body = Rope), ReadProblems))]
 pub async fn get_rope(State(app): State<App>, Path(id): Path<Uuid>) -> Result<axum::Json<Rope>, Problem> {
-    let row = app.store.rope(Id(id)).await?.ok_or_else(|| Problem::no("rope", id))?;
-    Ok(axum::Json(row.into()))
+    Ok(axum::Json(load(&app, id).await?.into()))
 }
 
 /// Ropes, newest first

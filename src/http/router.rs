@@ -2,8 +2,9 @@
 
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
 use super::{
-    Problem, acquisitions, defects, deliveries, frames, guard, health, history, inspections, job_events, jobs,
-    lay_lengths, line_scores, models, openapi, pictures, ropes, ropeways, tokens, webhooks,
+    Problem, acquisitions, defect_card, defects, deliveries, frames, guard, health, history, inspections, job_events,
+    jobs, lay_lengths, line_scores, models, openapi, pictures, rope_windows, ropes, ropeways, surface_alarms,
+    threshold_preview, thresholds, tokens, webhooks,
 };
 use crate::app::App;
 use axum::Router;
@@ -29,6 +30,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(ropeways::get_ropeway))
         .routes(routes!(ropes::list_ropes))
         .routes(routes!(ropes::get_rope))
+        .routes(routes!(rope_windows::get_rope_windows))
         .routes(routes!(acquisitions::list_acquisitions))
         .routes(routes!(acquisitions::get_acquisition))
         .routes(routes!(acquisitions::get_missing));
@@ -46,15 +48,18 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(models::list_models))
         .routes(routes!(models::get_model))
         .routes(routes!(models::get_model_file))
+        .routes(routes!(thresholds::list_thresholds))
         .routes(routes!(inspections::list_inspections))
         .routes(routes!(inspections::get_inspection))
         .routes(routes!(lay_lengths::get_lay_lengths))
         .routes(routes!(line_scores::get_line_scores))
+        .routes(routes!(surface_alarms::get_surface_alarms))
         .routes(routes!(pictures::get_likelihood))
         .routes(routes!(pictures::get_image))
         .routes(routes!(defects::get_inspection_defects))
         .routes(routes!(defects::list_defects))
         .routes(routes!(defects::get_defect))
+        .routes(routes!(defect_card::get_defect_card))
         .routes(routes!(history::get_rope_history))
         .routes(routes!(history::get_ropeway_history));
     let ticketers = OpenApiRouter::new().routes(routes!(defects::put_ticket));
@@ -64,8 +69,11 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(ropes::create_rope))
         .routes(routes!(ropes::put_rope))
         .routes(routes!(ropes::patch_ticketing))
+        .routes(routes!(rope_windows::put_rope_windows))
         .routes(routes!(jobs::create_job))
         .routes(routes!(jobs::cancel_job))
+        .routes(routes!(thresholds::put_threshold))
+        .routes(routes!(threshold_preview::preview_threshold))
         .routes(routes!(defects::post_verdict))
         .routes(routes!(deliveries::list_deliveries))
         .routes(routes!(deliveries::get_delivery))

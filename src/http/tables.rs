@@ -4,7 +4,7 @@ use super::Problem;
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
 /// How a table is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -14,6 +14,15 @@ pub enum Format {
     Json,
     /// CSV with a head, numbers with a point; an empty cell is no value.
     Csv,
+}
+
+/// How a table is asked for.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct FormatQuery {
+    /// `json` (default) or `csv`; `Accept: text/csv` does too.
+    #[param(inline)]
+    pub format: Option<Format>,
 }
 
 /// True when the client wants CSV: `format=csv`, or an `Accept` that names `text/csv`.

@@ -6,40 +6,12 @@ use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{MAX_NAME, check_text};
 use super::{Problem, times};
 use crate::app::App;
-use crate::store::tokens;
+use crate::store::tokens::{self, Role};
 use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-/// What the holder of a token may do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Role {
-    /// Everything.
-    Admin,
-    /// Everything but tokens and webhook endpoints.
-    Operator,
-    /// Reads ropes, writes acquisitions and frames.
-    Upload,
-    /// Reads.
-    Read,
-    /// Reads, and writes tickets back.
-    Ticketing,
-}
-
-impl From<Role> for tokens::Role {
-    fn from(role: Role) -> Self {
-        match role {
-            Role::Admin => Self::Admin,
-            Role::Operator => Self::Operator,
-            Role::Upload => Self::Upload,
-            Role::Read => Self::Read,
-            Role::Ticketing => Self::Ticketing,
-        }
-    }
-}
 
 /// An access token, without its secret.
 #[derive(Debug, Serialize, ToSchema)]
@@ -102,7 +74,7 @@ impl From<tokens::Token> for Token {
     WriteProblems))]
 pub async fn create_token(State(app): State<App>, Json(body): Json<NewToken>) -> Result<Response, Problem> {
     check_text("name", &body.name, 1, MAX_NAME)?;
-    let (row, token) = issue(&app.store, &body.name, body.role.into(), app.now_ms()).await?;
+    let (row, token) = issue(&app.store, &body.name, body.role, app.now_ms()).await?;
     let address = format!("/api/v1/tokens/{}", row.id);
     let view = Token { token: Some(token), ..row.into() };
     Ok((StatusCode::CREATED, [(header::LOCATION, address)], axum::Json(view)).into_response())

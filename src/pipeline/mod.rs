@@ -1,17 +1,21 @@
 //! Drives `vision` over an acquisition, wherever its frames come from.
 
 pub mod acquisition;
+pub mod closeup;
 mod detection;
 mod drive;
 pub mod inspect;
 mod maps;
 pub mod model_file;
+pub mod profile;
 pub mod progress;
+pub mod rejudge;
 pub mod results;
 pub mod source;
 pub mod stretches;
 pub mod tables;
 pub mod train;
+pub mod windows;
 
 pub use acquisition::{Acquisition, AcquisitionError, RopeFile};
 pub use inspect::{InspectOptions, inspect};

@@ -97,6 +97,16 @@ impl DataFolder {
         self.inspections().join(inspection.to_string())
     }
 
+    /// Line scores of a view of an inspection; not there if it was made without a model.
+    pub fn line_scores(&self, inspection: Id, view: u32) -> PathBuf {
+        self.inspection(inspection).join(format!("line_scores_view{view}.f32"))
+    }
+
+    /// Likelihood map of a frame of an inspection; not there if it was made without a model.
+    pub fn likelihood_map(&self, inspection: Id, view: u32, frame: u32) -> PathBuf {
+        self.inspection(inspection).join(format!("maps/view{view}/frame_{frame:06}.png"))
+    }
+
     /// Claims the folder for the one `serve` it may have.
     pub fn lock_for_service(&self) -> Result<File, StoreError> {
         let path = self.0.join("serve.lock");

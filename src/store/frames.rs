@@ -1,6 +1,8 @@
 //! Frames: files that are durable before their row is, and rows that are durable before the client hears of it.
 
+use super::acquisitions::Acquisition;
 use super::{Id, Store, StoreError, folder};
+use crate::pipeline::FrameFiles;
 use std::path::Path;
 
 /// A frame that is there.
@@ -57,6 +59,18 @@ impl Store {
             .bind(view)
             .fetch_all(self.reader())
             .await?)
+    }
+
+    /// The frames of all views, for the pipeline.
+    pub async fn frame_files(&self, acquisition: &Acquisition) -> Result<FrameFiles, StoreError> {
+        let mut paths = Vec::with_capacity(acquisition.views.len());
+        for view in &acquisition.views {
+            let frames = self.frames(acquisition.row.id, view.view).await?;
+            paths.push(
+                frames.iter().map(|f| self.folder().frame(f.acquisition_id, f.view, f.frame, &f.sha256)).collect(),
+            );
+        }
+        Ok(FrameFiles::new(acquisition.row.sensor_px, paths))
     }
 
     /// Takes a checked upload into the store: file first, then row. `upload` must be closed and on the same file system; it

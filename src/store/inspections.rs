@@ -2,7 +2,7 @@
 
 use super::leases::{Lease, settle};
 use super::{Id, Page, PageRequest, Store, StoreError, defects, lay_lengths};
-use crate::pipeline::results::{DefectRow, LayLengthRow};
+use crate::pipeline::results::{DefectRow, LayLengthRow, Summary};
 
 /// An inspection.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
@@ -19,7 +19,7 @@ pub struct Inspection {
     pub model_id: Option<Id>,
     /// The job that did it.
     pub job_id: Id,
-    /// JSON of [`crate::pipeline::results::Summary`].
+    /// JSON of [`Summary`].
     pub summary: String,
     /// When it ended, ms since 1970.
     pub created_at_ms: i64,
@@ -38,6 +38,18 @@ pub struct NewInspection {
     pub defects: Vec<(Id, DefectRow)>,
     /// Rope per camera line in mm, to turn lines into rope metres.
     pub line_pitch_mm: f64,
+}
+
+impl Inspection {
+    /// What the run says of itself.
+    pub fn summary(&self) -> Result<Summary, StoreError> {
+        serde_json::from_str(&self.summary).map_err(|e| StoreError::Inconsistent {
+            table: "inspection",
+            column: "summary",
+            row: self.id.to_string(),
+            value: e.to_string(),
+        })
+    }
 }
 
 impl Store {
@@ -93,6 +105,15 @@ impl Store {
         .fetch_all(self.reader())
         .await?;
         Ok(page.page(rows, |i: &Inspection| i.seq))
+    }
+
+    /// The newest inspections with a model, newest first.
+    pub async fn inspections_with(&self, model: Id, limit: u32) -> Result<Vec<Inspection>, StoreError> {
+        Ok(sqlx::query_as("select * from inspection where model_id = $1 order by seq desc limit $2")
+            .bind(model)
+            .bind(limit)
+            .fetch_all(self.reader())
+            .await?)
     }
 
     /// The last inspection of each acquisition of a rope that was acquired in `[from_ms, to_ms)`, oldest acquisition first:

@@ -1,10 +1,13 @@
 //! Jobs as clients see them: ask, look, cancel. What workers do with them stands in [`super::leases`].
 
-use super::{Id, Page, PageRequest, Store, StoreError};
+use super::{Id, Page, PageRequest, Store, StoreError, model_thresholds};
 
 /// A job.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
-#[expect(missing_docs, reason = "migrations/0003_jobs_and_tokens.sql says what each column means")]
+#[expect(
+    missing_docs,
+    reason = "migrations/0003_jobs_and_tokens.sql and 0006_thresholds.sql say what each column means"
+)]
 pub struct Job {
     pub seq: i64,
     pub id: Id,
@@ -13,6 +16,7 @@ pub struct Job {
     pub acquisition_id: Id,
     pub model_id: Option<Id>,
     pub threshold: Option<f64>,
+    pub threshold_version: Option<u32>,
     pub from_m: Option<f64>,
     pub to_m: Option<f64>,
     pub idempotency_key: Option<String>,
@@ -55,7 +59,7 @@ pub enum Task {
     Inspect {
         /// `None`: alignment only.
         model_id: Option<Id>,
-        /// `None`: the model's own.
+        /// `None`: the one that holds for the model when the job is queued.
         threshold: Option<f64>,
     },
 }
@@ -153,9 +157,14 @@ impl Store {
                 Some(_) => {}
             }
         }
+        let threshold_version = match (model_id, threshold) {
+            (Some(model), None) => model_thresholds::current_version(&mut tx, model).await?,
+            _ => None,
+        };
         let job = sqlx::query_as(
-            "insert into job (id, kind, rope_id, acquisition_id, model_id, threshold, from_m, to_m, idempotency_key, state, run_at_ms, created_at_ms)
-             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, 'queued', $10, $10) returning *",
+            "insert into job (id, kind, rope_id, acquisition_id, model_id, threshold, threshold_version, from_m, to_m, idempotency_key,
+               state, run_at_ms, created_at_ms)
+             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'queued', $11, $11) returning *",
         )
         .bind(new.id)
         .bind(kind)
@@ -163,6 +172,7 @@ impl Store {
         .bind(new.acquisition_id)
         .bind(model_id)
         .bind(threshold)
+        .bind(threshold_version)
         .bind(from_m)
         .bind(to_m)
         .bind(&new.idempotency_key)

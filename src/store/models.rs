@@ -2,6 +2,7 @@
 
 use super::leases::{Lease, settle};
 use super::{Id, Page, PageRequest, Store, StoreError};
+use crate::pipeline::TrainReport;
 
 /// A model.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
@@ -18,7 +19,7 @@ pub struct Model {
     pub acquisition_id: Id,
     /// The job that trained it.
     pub job_id: Id,
-    /// JSON of [`crate::pipeline::TrainReport`].
+    /// JSON of [`TrainReport`].
     pub report: String,
     /// Digest of its file, lower-case hex.
     pub sha256: String,
@@ -39,6 +40,18 @@ pub struct NewModel {
     pub sha256: String,
     /// Length of its file.
     pub bytes: i64,
+}
+
+impl Model {
+    /// What its training says of itself.
+    pub fn report(&self) -> Result<TrainReport, StoreError> {
+        serde_json::from_str(&self.report).map_err(|e| StoreError::Inconsistent {
+            table: "model",
+            column: "report",
+            row: self.id.to_string(),
+            value: e.to_string(),
+        })
+    }
 }
 
 impl Store {

@@ -1,9 +1,12 @@
 //! Access tokens: the secret is shown once, only its SHA-256 is stored.
 
 use super::{Store, StoreError};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// What the holder of a token may do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
 pub enum Role {
     /// Everything.
     Admin,
@@ -29,6 +32,17 @@ impl Role {
             Self::Upload => "upload",
             Self::Read => "read",
             Self::Ticketing => "ticketing",
+        }
+    }
+
+    /// What it allows, for people.
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Self::Admin => "Everything",
+            Self::Operator => "Everything but tokens and webhook endpoints",
+            Self::Upload => "Reads ropes, writes acquisitions and frames",
+            Self::Read => "Reads",
+            Self::Ticketing => "Reads, and writes tickets back",
         }
     }
 

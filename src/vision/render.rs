@@ -94,7 +94,7 @@ impl<'a> Renderer<'a> {
 }
 
 /// The gray value at a place in the gray bins: the inverse of the companding g/(g + m), at the light m.
-fn gray(bin: f32, light: f32) -> f32 {
+pub fn gray(bin: f32, light: f32) -> f32 {
     let share = bin / GRAY_BINS as f32;
     (light * share / (1.0 - share).max(1e-3)).min(WHITE)
 }

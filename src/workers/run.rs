@@ -10,6 +10,7 @@ use crate::pipeline::{self, FrameFiles, InspectOptions, PipelineError, TrainOpti
 use crate::store::inspections::NewInspection;
 use crate::store::jobs::Job;
 use crate::store::leases::Lease;
+use crate::store::model_thresholds::ModelThreshold;
 use crate::store::models::NewModel;
 use crate::store::{Id, StoreError, folder};
 use sha2::{Digest, Sha256};
@@ -36,6 +37,8 @@ struct Input {
     acquisition: pipeline::Acquisition,
     frames: FrameFiles,
     model_path: Option<PathBuf>,
+    /// What somebody set for the model, if that holds for the job.
+    threshold: Option<ModelThreshold>,
 }
 
 /// What the CPU made, in place and durable, not yet recorded.
@@ -121,19 +124,17 @@ async fn gather(app: &App, job: &Job) -> Result<Input, NoOutput> {
     };
     let acquisition = app.store.acquisition(job.acquisition_id).await?.ok_or_else(|| gone("acquisition"))?;
     let rope = app.store.rope(job.rope_id).await?.ok_or_else(|| gone("rope"))?;
-    let mut paths = Vec::with_capacity(acquisition.views.len());
-    for view in &acquisition.views {
-        let frames = app.store.frames(job.acquisition_id, view.view).await?;
-        paths.push(
-            frames.iter().map(|f| app.store.folder().frame(f.acquisition_id, f.view, f.frame, &f.sha256)).collect(),
-        );
-    }
     let file = acquisition.rope_file(&rope.design);
     let checked = file.validate().map_err(|error| {
         NoOutput::Failed(Failure::of_pipeline(&PipelineError::Acquisition(error), &app.settings.data))
     })?;
+    let threshold = match (job.model_id, job.threshold_version) {
+        (Some(model), Some(version)) => app.store.model_threshold(model, version).await?,
+        _ => None,
+    };
     Ok(Input {
-        frames: FrameFiles::new(checked.sensor_px, paths),
+        threshold,
+        frames: app.store.frame_files(&acquisition).await?,
         acquisition: checked,
         model_path: job.model_id.map(|model| app.store.folder().model(model)),
     })
@@ -160,11 +161,14 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
     let options = InspectOptions {
         model_path: input.model_path.clone(),
         maps: input.model_path.is_some(),
-        threshold: job.threshold,
+        threshold: job.threshold.or(input.threshold.as_ref().map(|t| t.line_score)),
         line_scores: LineScoreFormat::Binary,
         given_contours: None,
     };
-    let summary = engine.inspect(&input.acquisition, &input.frames, &options, &work, watch).map_err(pipeline)?;
+    let mut summary = engine.inspect(&input.acquisition, &input.frames, &options, &work, watch).map_err(pipeline)?;
+    if let (Some(set), Some(threshold)) = (&input.threshold, &mut summary.threshold) {
+        threshold.origin = set.origin();
+    }
     let inspection = read(job, id, &summary, input, &work).map_err(NoOutput::Failed)?;
     let path = app.store.folder().inspection(id);
     folder::sync_tree(&work)?;

@@ -18,7 +18,8 @@ async fn routes(app: &TestApp) -> Vec<(String, String, bool)> {
                 let filled = path
                     .replace("{id}", "00000000-0000-4000-8000-000000000000")
                     .replace("{view}", "0")
-                    .replace("{frame}", "0");
+                    .replace("{frame}", "0")
+                    .replace("{version}", "1");
                 assert!(!filled.contains('{'), "{filled}");
                 routes.push((method.to_uppercase(), filled, open));
             }

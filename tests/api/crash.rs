@@ -1,62 +1,14 @@
 //! The real program, killed without warning.
 
-use crate::helpers::{Caller, SENSOR_PX, png, png_of, rope};
-use ropescope::simulate::{Recipe, Scene, write_acquisition};
+use crate::helpers::{Caller, SENSOR_PX, png, png_of};
+use crate::process::{Process, caller, simulated, token, upload};
+use ropescope::simulate::Recipe;
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_ropescope");
-
-/// `ropescope serve` as a process of its own, killed when dropped.
-struct Process {
-    child: Child,
-    base: String,
-}
-
-impl Process {
-    fn start(data: &Path) -> Self {
-        let mut child = Command::new(PROGRAM)
-            .args(["serve", "--listen", "127.0.0.1:0", "--data"])
-            .arg(data)
-            .env("RUST_LOG", "warn")
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let base = line.trim().strip_prefix("listening on ").unwrap_or_else(|| panic!("{line:?}")).to_owned();
-        Self { child, base }
-    }
-
-    /// SIGKILL: no handler runs, nothing is flushed.
-    fn kill(&mut self) {
-        self.child.kill().unwrap();
-        self.child.wait().unwrap();
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-fn token(data: &Path) -> String {
-    let output =
-        Command::new(PROGRAM).args(["token", "create", "--role", "admin", "--data"]).arg(data).output().unwrap();
-    String::from_utf8(output.stdout).unwrap().lines().last().unwrap().to_owned()
-}
-
-fn caller(process: &Process, token: &str) -> Caller {
-    ropescope::tls::install();
-    Caller { client: reqwest::Client::new(), base: process.base.clone(), token: Some(token.to_owned()) }
-}
 
 #[tokio::test(flavor = "multi_thread")]
 async fn every_acknowledged_frame_survives_kill_9() {
@@ -131,60 +83,78 @@ async fn the_service_says_where_it_listens_and_goes_down_in_order() {
     assert_eq!(std::fs::read_dir(data.path().join("instances")).unwrap().count(), 0);
 }
 
-/// Uploads a simulated acquisition and returns its id. Fields that no two runs share are left out of what is compared.
-async fn upload(admin: &Caller, folder: &Path) -> String {
-    let file: Value = serde_json::from_slice(&std::fs::read(folder.join("rope.json")).unwrap()).unwrap();
-    let mut body = rope(&admin.ropeway().await);
-    for key in ["strands", "wires_per_strand", "rope_diameter_mm", "strand_lay_mm", "wire_lay_mm"] {
-        body["design"][key] = file[key].clone();
-    }
-    let rope = admin.post("ropes", body).await.ok(201)["id"].clone();
-    let views: Vec<Value> =
-        file["views"].as_array().unwrap().iter().map(|v| json!({ "angle_deg": v["angle_deg"] })).collect();
-    let body = json!({ "rope_id": rope, "line_pitch_mm": file["line_pitch_mm"], "sensor_px": file["sensor_px"], "views": views });
-    let id = admin.post("acquisitions", body).await.ok(201)["id"].as_str().unwrap().to_owned();
-    let mut counts = Vec::new();
-    for (v, view) in file["views"].as_array().unwrap().iter().enumerate() {
-        let mut n = 0;
-        while let Ok(bytes) =
-            std::fs::read(folder.join(view["folder"].as_str().unwrap()).join(format!("frame_{n:06}.png")))
-        {
-            admin.put_frame(&id, v as u32, n, bytes).await.ok(201);
-            n += 1;
-        }
-        counts.push(json!({ "frames": n }));
-    }
-    admin.post(&format!("acquisitions/{id}/completion"), json!({ "views": counts })).await.ok(200);
-    id
+/// Two metres of intact rope in one view.
+fn recipe() -> Recipe {
+    Recipe { metres: 2.0, view_angles_deg: vec![0.0], ..Recipe::photographic() }
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn a_job_killed_with_its_process_ends_with_the_same_result_as_an_undisturbed_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let recipe = Recipe { metres: 2.0, view_angles_deg: vec![0.0], ..Recipe::photographic() };
-    write_acquisition(&Scene::new(&recipe, 7).unwrap(), folder.path(), |_| {}).unwrap();
-    let data = tempfile::tempdir().unwrap();
-    let token = token(data.path());
-    let mut process = Process::start(data.path());
+/// Runs the same job twice on a service with that acquisition, killing the process in the middle of the second run. Answers
+/// the service that was started anew, and both jobs at their ends: undisturbed and disturbed.
+async fn run_undisturbed_and_killed(folder: &Path, data: &Path, kind: &str) -> (Process, Caller, [Value; 2]) {
+    let token = token(data);
+    let mut process = Process::start(data);
     let admin = caller(&process, &token);
-    let acquisition = upload(&admin, folder.path()).await;
-    let undisturbed = admin.run(json!({ "kind": "inspect", "acquisition_id": acquisition })).await;
-    let job = admin.post("jobs", json!({ "kind": "inspect", "acquisition_id": acquisition })).await.ok(202);
+    let body = json!({ "kind": kind, "acquisition_id": upload(&admin, folder).await });
+    let undisturbed = admin.run(body.clone()).await;
+    let job = admin.post("jobs", body).await.ok(202);
     let id = job["id"].as_str().unwrap().to_owned();
     admin.reached(&id, "running").await;
     tokio::time::sleep(Duration::from_millis(300)).await;
+    assert_eq!(admin.get(&format!("jobs/{id}")).await.ok(200)["state"], "running", "killed too late to prove anything");
     process.kill();
 
-    let process = Process::start(data.path());
+    let process = Process::start(data);
     let admin = caller(&process, &token);
     let disturbed = admin.ended(&id).await;
     assert_eq!(disturbed["state"], "succeeded", "{disturbed}");
+    (process, admin, [undisturbed, disturbed])
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_inspection_killed_with_its_process_ends_with_the_same_result_as_an_undisturbed_one() {
+    let (folder, data) = (simulated(&recipe()), tempfile::tempdir().unwrap());
+    let (_process, admin, jobs) = run_undisturbed_and_killed(folder.path(), data.path(), "inspect").await;
     let mut tables = Vec::new();
-    for job in [&undisturbed, &disturbed] {
+    for job in &jobs {
         let inspection = job["result"]["inspection_id"].as_str().unwrap();
         tables.push(admin.get(&format!("inspections/{inspection}/lay-lengths?format=csv")).await.text());
     }
     assert!(tables[0] == tables[1], "the results differ");
     let all = admin.get("inspections").await.ok(200);
     assert_eq!(all["items"].as_array().unwrap().len(), 2, "the job was neither lost nor doubled");
+}
+
+/// Header and packed tables of a model file. The header tells how many seconds the training took, which no two runs share.
+fn model_parts(file: &[u8]) -> (Value, &[u8]) {
+    let rest = file.strip_prefix(b"ropescope model 1\n").unwrap();
+    let (length, rest) = rest.split_first_chunk::<4>().unwrap();
+    let (header, tables) = rest.split_at(u32::from_le_bytes(*length) as usize);
+    let mut header: Value = serde_json::from_slice(header).unwrap();
+    assert!(header["report"].as_object_mut().unwrap().remove("seconds").unwrap().is_number());
+    (header, tables)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_training_killed_with_its_process_leaves_one_model_and_the_same_as_an_undisturbed_one() {
+    let (folder, data) = (simulated(&recipe()), tempfile::tempdir().unwrap());
+    let (_process, admin, jobs) = run_undisturbed_and_killed(folder.path(), data.path(), "train").await;
+    let models = admin.get("models").await.ok(200);
+    let models = models["items"].as_array().unwrap();
+    assert_eq!(models.len(), 2, "the job was neither lost nor doubled");
+    let mut files = Vec::new();
+    for (job, version) in jobs.iter().zip(1..) {
+        let id = job["result"]["model_id"].as_str().unwrap();
+        let model = models.iter().find(|m| m["id"] == id).unwrap();
+        assert_eq!((&model["job_id"], &model["version"]), (&job["id"], &json!(version)));
+        let file = admin.get(&format!("models/{id}/file")).await;
+        assert_eq!(model["bytes"], file.bytes.len());
+        files.push(file.bytes);
+    }
+    let [undisturbed, disturbed] = [&files[0], &files[1]].map(|file| model_parts(file));
+    assert_eq!(disturbed.0, undisturbed.0, "the models say different things of themselves");
+    assert!(disturbed.1 == undisturbed.1, "the models judge differently");
+    // What the killed attempt wrote is gone: no third model lies on the disk, and no half one.
+    for (folder, files) in [("models", 2), ("work", 0)] {
+        assert_eq!(std::fs::read_dir(data.path().join(folder)).unwrap().count(), files, "{folder}");
+    }
 }

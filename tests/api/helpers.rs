@@ -3,7 +3,7 @@
 use ropescope::clock::SystemClock;
 use ropescope::config::Settings;
 use ropescope::http::auth;
-use ropescope::pipeline::results::{AlarmRow, DefectRow, Summary, Threshold};
+use ropescope::pipeline::results::{AlarmRow, DefectRow, NotCovered, Summary, Threshold};
 use ropescope::pipeline::{
     Acquisition, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions, TrainReport,
 };
@@ -23,6 +23,9 @@ use uuid::Uuid;
 pub const SENSOR_PX: u32 = 64;
 /// Lines of the frames of tests.
 pub const LINES: u32 = 100;
+
+/// Threshold of the models of tests.
+pub const TRAINED_THRESHOLD: f64 = 6.0;
 
 /// Stands in for vision: writes a small results folder, or waits to be stopped.
 #[derive(Default)]
@@ -62,7 +65,7 @@ impl Engine for ToyEngine {
             from_m: options.from_m.unwrap_or(0.0),
             to_m: options.to_m.unwrap_or(1.0),
             learnt_view_m: 1.0,
-            threshold: 3.0,
+            threshold: TRAINED_THRESHOLD,
             threshold_origin: "a toy".into(),
             seconds: 0.1,
             notes: vec![],
@@ -134,6 +137,8 @@ impl Engine for ToyEngine {
                     for line in 0..pixels.lines {
                         let score = if frame == 0 && line == 42 {
                             9.0
+                        } else if frame == 2 && line == LINES as usize - 1 {
+                            5.0 // under the threshold
                         } else if frame == 1 {
                             f32::NAN
                         } else {
@@ -150,10 +155,18 @@ impl Engine for ToyEngine {
             model: options.model_path.as_ref().map(|_| "toy".into()),
             construction: acquisition.construction(),
             lines: source.frames(0) * LINES as usize,
-            metres: 0.02,
+            metres: 0.03,
             covered_view_m: 0.01,
-            not_covered: vec![],
-            threshold: options.threshold.map(|line_score| Threshold { line_score, origin: "the request".into() }),
+            not_covered: vec![NotCovered {
+                view: 0,
+                from_m: acquisition.position_m(LINES as usize),
+                to_m: acquisition.position_m(2 * LINES as usize),
+                reason: "too dark".into(),
+            }],
+            threshold: options.model_path.as_ref().map(|_| Threshold {
+                line_score: options.threshold.unwrap_or(TRAINED_THRESHOLD),
+                origin: "a toy".into(),
+            }),
             defects: found,
             seconds: 0.1,
             metres_per_second: 1.0,
@@ -283,8 +296,9 @@ impl Caller {
         self.ended(job["id"].as_str().unwrap()).await
     }
 
+    /// Waits for the end of a job; long, because real ones run in these tests too, and on busy machines.
     pub async fn ended(&self, job: &str) -> Value {
-        for _ in 0..400 {
+        for _ in 0..4000 {
             let job = self.get(&format!("jobs/{job}")).await.ok(200);
             if !["queued", "running"].contains(&job["state"].as_str().unwrap()) {
                 return job;

@@ -4,11 +4,15 @@
 
 mod access;
 mod acquisitions;
+mod card;
 mod contract;
 mod crash;
 mod frames;
 mod helpers;
 mod jobs;
 mod leases;
+mod process;
 mod results;
 mod ropes;
+mod surface_alarms;
+mod thresholds;

@@ -40,6 +40,14 @@ include-path-regex = "^/api/v1/inspections/[^/]+/(views/[^/]+/(image|likelihood)
 checks.positive_data_acceptance.expected-statuses = ["2xx", "3xx", 400, 401, 403, 404, 409, 415, 422]
 """
 
+# A job without a model has `model_id` null; following that to the model, the fuzzer writes `None` where the id belongs. Where ids
+# are pinned this cannot happen, and there 400 is a finding.
+FOLLOWED = """
+[[operations]]
+include-path-regex = "^/api/v1/models/"
+checks.positive_data_acceptance.expected-statuses = ["2xx", "3xx", 400, 401, 403, 404, 409, 415, 422]
+"""
+
 
 class Tally:
     def __init__(self):
@@ -109,8 +117,7 @@ def main():
         revoke = "DELETE /api/v1/tokens/{id}"
         fuzz(tally, "resources that exist", service, service.token, pinned(ids),
              [*bounded, "--exclude-method", "DELETE", "--phases", "examples,coverage,fuzzing", "--mode", "positive"])
-        fuzz(tally, "anything at all", service, service.token, "",
-             [*bounded, "--exclude-name", revoke, "--exclude-path-regex", "(image|likelihood)[.]png$"])
+        fuzz(tally, "anything at all", service, service.token, FOLLOWED, [*bounded, "--exclude-name", revoke])
         fuzz(tally, "revoking tokens", service, service.new_token("admin"), "", [*bounded, "--include-name", revoke])
         status, _ = service.call("GET", "/ropeways")
         tally.check("the service still answers", status == 200, str(status))

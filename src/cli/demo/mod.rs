@@ -1,8 +1,6 @@
 //! `ropescope demo`: the whole way of a rope through the service, on a rope whose truth is known.
 
-mod canvas;
 mod compare;
-mod font;
 mod picture;
 mod stage;
 

@@ -1,10 +1,10 @@
 //! One picture of an inspection: the whole rope in every view with its likelihood map and what was planted and found, and the
 //! worst defects close up.
 
-use super::canvas::{Canvas, Colour};
 use super::compare::Truth;
 use anyhow::Context;
 use image::RgbImage;
+use ropescope::drawing::{Canvas, Colour, Size, heat};
 use ropescope::upload::Client;
 use serde_json::Value;
 
@@ -49,7 +49,7 @@ pub(super) async fn draw(
     let x_of = |m: f64| MARGIN + (m / metres * LENGTH as f64) as i64;
     let mut y = HEAD;
     for view in 0..truth.views {
-        canvas.text(MARGIN, y - 20, 2, INK, &format!("view {view}"));
+        canvas.text(MARGIN, y - 20, Size::Body, INK, &format!("view {view}"));
         let range = (0.0, metres);
         source.paste(&mut canvas, view, "image", range, (MARGIN, y, LENGTH, STRIP)).await?;
         let bars = y + STRIP + 2;
@@ -71,17 +71,23 @@ pub(super) async fn draw(
 }
 
 fn head(canvas: &mut Canvas, metres: f64, found: usize, planted: usize) {
-    canvas.text(MARGIN, 24, 3, INK, &format!("{metres:.1} m of rope: {planted} defects planted, {found} reported"));
+    canvas.text(
+        MARGIN,
+        24,
+        Size::Heading,
+        INK,
+        &format!("{metres:.1} m of rope: {planted} defects planted, {found} reported"),
+    );
     let mut x = MARGIN;
     for (colour, text) in [(PLANTED, "planted"), (FOUND, "found"), (UNSEEN, "not inspected")] {
         canvas.fill(x, 62, 16, 14, colour);
-        x = canvas.text(x + 22, 61, 2, INK, text) + 24;
+        x = canvas.text(x + 22, 61, Size::Body, INK, text) + 24;
     }
-    x = canvas.text(x, 61, 2, INK, "likelihood: as learnt") + 4;
+    x = canvas.text(x, 61, Size::Body, INK, "likelihood: as learnt") + 4;
     for step in 0..120 {
         canvas.fill(x + step, 62, 1, 14, heat(255 - (step * 255 / 119) as u8));
     }
-    canvas.text(x + 128, 61, 2, INK, "unlikely");
+    canvas.text(x + 128, 61, Size::Body, INK, "unlikely");
 }
 
 fn scale(canvas: &mut Canvas, y: i64, metres: f64) {
@@ -97,7 +103,7 @@ fn scale(canvas: &mut Canvas, y: i64, metres: f64) {
         let m = f64::from(n) * step_m;
         let x = MARGIN + (m / metres * (LENGTH - 1) as f64) as i64;
         canvas.fill(x, y - 6, 1, 6, FAINT);
-        canvas.text((x - 12).min(MARGIN + LENGTH - 52), y + 3, 2, FAINT, &format!("{m:.1} m"));
+        canvas.text((x - 12).min(MARGIN + LENGTH - 52), y + 3, Size::Body, FAINT, &format!("{m:.1} m"));
         n += 1;
     }
 }
@@ -122,7 +128,7 @@ async fn close_ups(
         let middle = ((from + to) / 2.0).clamp(half_m, metres - half_m);
         let range = (middle - half_m, middle + half_m);
         let x = MARGIN + place as i64 * (CLOSE_WIDTH + CLOSE_GAP);
-        canvas.text(x, y, 2, INK, &format!("{middle:.3} m, view {view}, score {:.1}", score(alarm)));
+        canvas.text(x, y, Size::Body, INK, &format!("{middle:.3} m, view {view}, score {:.1}", score(alarm)));
         for (row, name) in [(0, "image"), (1, "likelihood")] {
             let top = y + 24 + row * (CLOSE_HEIGHT + 6);
             source.paste(canvas, view, name, range, (x, top, CLOSE_WIDTH, CLOSE_HEIGHT)).await?;
@@ -140,7 +146,7 @@ async fn close_ups(
     }
     if !found.is_empty() {
         let text = format!("{:.0} mm of rope each; the frame is the alarm", CLOSE_M * 1000.0);
-        canvas.text(MARGIN, y + 24 + 2 * CLOSE_HEIGHT + 16, 2, FAINT, &text);
+        canvas.text(MARGIN, y + 24 + 2 * CLOSE_HEIGHT + 16, Size::Body, FAINT, &text);
     }
     Ok(())
 }
@@ -202,16 +208,6 @@ impl Source<'_> {
         }
         Ok(())
     }
-}
-
-/// Likely (255) is dark blue, unlikely (0) glows: violet, red, yellow.
-fn heat(gray: u8) -> Colour {
-    const STOPS: [[f64; 3]; 5] =
-        [[252.0, 250.0, 170.0], [246.0, 140.0, 20.0], [190.0, 45.0, 85.0], [85.0, 15.0, 110.0], [12.0, 12.0, 40.0]];
-    let place = f64::from(gray) / 255.0 * (STOPS.len() - 1) as f64;
-    let stop = (place as usize).min(STOPS.len() - 2);
-    let part = place - stop as f64;
-    [0, 1, 2].map(|c| (STOPS[stop][c] * (1.0 - part) + STOPS[stop + 1][c] * part) as u8)
 }
 
 #[cfg(test)]

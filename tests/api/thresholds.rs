@@ -1,0 +1,96 @@
+//! Thresholds apart from scores: tried on past inspections, set with who and why, and used from then on.
+
+use crate::helpers::{TRAINED_THRESHOLD, TestApp, new_id};
+use serde_json::{Value, json};
+
+/// Metres as JSON carries them, to the micrometre.
+fn um(metres: &Value) -> i64 {
+    (metres.as_f64().unwrap() * 1e6).round() as i64
+}
+
+#[tokio::test]
+async fn another_threshold_is_tried_on_past_inspections_without_a_job() {
+    let app = TestApp::start().await;
+    let (_, model, inspection) = app.admin.inspected().await;
+    let path = format!("models/{model}/threshold-preview");
+    let jobs = app.admin.get("jobs").await.ok(200);
+    let defect = app.admin.get(&format!("inspections/{inspection}/defects")).await.ok(200)["items"][0].clone();
+
+    // Higher: the only defect, 9.0 on one line of 0.1 mm, is gone.
+    let higher = app.admin.post(&path, json!({ "line_score": 9.5 })).await.ok(200);
+    let past = &higher["inspections"][0];
+    assert_eq!(
+        (&past["inspection_id"], &past["threshold"]["line_score"]),
+        (&json!(inspection), &json!(TRAINED_THRESHOLD))
+    );
+    assert_eq!(um(&past["inspected_m"]), 20_000, "of 30 mm the middle 10 mm have no score");
+    assert_eq!((um(&past["before"]["reinspect_m"]), &past["before"]["defects"]), (100, &json!(1)));
+    assert_eq!((um(&past["after"]["reinspect_m"]), &past["after"]["defects"]), (0, &json!(0)));
+    assert_eq!(past["closed"][0]["defect_id"], defect["defect_id"]);
+    assert_eq!(past["opened"], json!([]));
+
+    // Lower: the last line of the rope has 5.0.
+    let lower = app.admin.post(&path, json!({ "line_score": 4 })).await.ok(200);
+    let past = &lower["inspections"][0];
+    assert_eq!((um(&past["after"]["reinspect_m"]), &past["after"]["defects"]), (200, &json!(2)));
+    let opened = &past["opened"][0];
+    assert_eq!(
+        (um(&opened["from_m"]), um(&opened["to_m"]), &opened["peak_score"]),
+        (5_029_900, 5_030_000, &json!(5.0))
+    );
+    assert_eq!(past["closed"], json!([]));
+
+    // 0.1 mm of 20 mm is 0.5 m of 100 m: less than one line more asks for a threshold at 5.0.
+    let budget = app.admin.post(&path, json!({ "reinspect_m_per_100m": 0.7 })).await.ok(200);
+    assert!((budget["line_score"].as_f64().unwrap() - 5.0).abs() < 1e-6, "{budget}");
+    assert_eq!(um(&budget["inspections"][0]["after"]["reinspect_m"]), 100);
+
+    assert_eq!(app.admin.get("jobs").await.ok(200), jobs, "nothing was computed anew");
+    app.admin.post(&path, json!({ "line_score": -1 })).await.problem(422, "out-of-range");
+    app.admin.post(&path, json!({ "line_score": 5, "inspections": 21 })).await.problem(422, "out-of-range");
+    app.admin.post(&path, json!({ "reinspect_m_per_100m": 101 })).await.problem(422, "out-of-range");
+    app.admin.post(&path, json!({})).await.problem(400, "malformed-body");
+    let unknown = format!("models/{}/threshold-preview", new_id());
+    app.admin.post(&unknown, json!({ "line_score": 5 })).await.problem(404, "not-found");
+}
+
+#[tokio::test]
+async fn a_threshold_that_was_set_holds_for_later_inspections_and_says_who_and_why() {
+    let app = TestApp::start().await;
+    let (rope, model, earlier) = app.admin.inspected().await;
+    let path = format!("models/{model}/thresholds");
+    let trained = app.admin.get(&path).await.ok(200)["items"].clone();
+    assert_eq!((&trained[0]["version"], &trained[0]["line_score"]), (&json!(0), &json!(TRAINED_THRESHOLD)));
+
+    let wish = json!({ "line_score": 4.5, "by": "A. Inspector", "reason": "old rope" });
+    app.admin.call("PUT", &format!("{path}/2"), wish.clone()).await.problem(409, "threshold-moved");
+    let set = app.admin.call("PUT", &format!("{path}/1"), wish.clone()).await.ok(201);
+    assert_eq!(app.admin.call("PUT", &format!("{path}/1"), wish).await.ok(200), set);
+    let other = json!({ "line_score": 7, "by": "B. Inspector", "reason": "new rope" });
+    let problem = app.admin.call("PUT", &format!("{path}/1"), other).await.problem(409, "threshold-moved");
+    assert_eq!(problem["limit"], 2);
+    assert_eq!(app.admin.get(&path).await.ok(200)["items"], json!([set, trained[0]]));
+
+    let acquisition = app.admin.complete_acquisition(&rope).await;
+    let inspect = async |body: Value| {
+        let job = app.admin.run(body).await;
+        let id = job["result"]["inspection_id"].as_str().unwrap_or_else(|| panic!("{job}")).to_owned();
+        app.admin.get(&format!("inspections/{id}")).await.ok(200)["summary"]["threshold"].clone()
+    };
+    let body = json!({ "kind": "inspect", "acquisition_id": acquisition, "model_id": model });
+    let threshold = inspect(body.clone()).await;
+    assert_eq!(threshold["line_score"], 4.5);
+    assert_eq!(threshold["origin"], "version 1 for this model, set by A. Inspector: old rope");
+    let mut own = body;
+    own["threshold"] = json!(8.0);
+    assert_eq!(inspect(own).await["line_score"], 8.0, "a job may bring its own");
+    let before = app.admin.get(&format!("inspections/{earlier}")).await.ok(200);
+    assert_eq!(before["summary"]["threshold"]["line_score"], TRAINED_THRESHOLD, "what was judged stays judged");
+
+    let nobody = json!({ "line_score": 5.0, "reason": "" });
+    app.admin.call("PUT", &format!("{path}/2"), nobody).await.problem(422, "out-of-range");
+    app.admin
+        .call("PUT", &format!("models/{}/thresholds/1", new_id()), json!({ "line_score": 5.0, "reason": "x" }))
+        .await
+        .problem(404, "not-found");
+}
