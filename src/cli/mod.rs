@@ -17,6 +17,7 @@ mod token;
 mod train;
 mod upload;
 mod upload_progress;
+mod verify_receipt;
 mod worker;
 
 use clap::{Parser, Subcommand};
@@ -41,11 +42,12 @@ enum Command {
     Inspect(inspect::InspectArgs),
     Evaluate(evaluate::EvaluateArgs),
     Upload(upload::UploadArgs),
+    VerifyReceipt(verify_receipt::VerifyReceiptArgs),
     Demo(demo::DemoArgs),
     Healthcheck(healthcheck::HealthcheckArgs),
 }
 
-/// Runs the command. Exit codes: 0 done, 1 failed, 2 wrong arguments (clap's), 130 stopped by Ctrl-C.
+/// Runs the command. Exit codes: 0 done, 1 failed, 2 wrong arguments (clap's), 130 stopped by Ctrl-C; `upload` has more.
 pub(crate) fn run() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Serve(args) => serve::run(args),
@@ -56,6 +58,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Inspect(args) => inspect::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Upload(args) => upload::run(args),
+        Command::VerifyReceipt(args) => verify_receipt::run(&args),
         Command::Demo(args) => demo::run(args),
         Command::Healthcheck(args) => healthcheck::run(args),
     };
@@ -67,7 +70,7 @@ pub(crate) fn run() -> ExitCode {
         }
         Err(error) => {
             run_progress::say(&format!("ropescope: {}", in_one_line(&error)));
-            ExitCode::FAILURE
+            upload::exit_code(&error).map_or(ExitCode::FAILURE, ExitCode::from)
         }
     }
 }

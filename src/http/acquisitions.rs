@@ -71,6 +71,8 @@ pub struct Acquisition {
     /// How many were announced; null until all views say so.
     #[schema(required)]
     frames_expected: Option<u64>,
+    /// Bytes of the frames that are there.
+    frame_bytes: i64,
     /// When it was created.
     #[schema(format = DateTime)]
     created_at: String,
@@ -142,13 +144,17 @@ pub struct AcquisitionFilter {
 pub struct MissingView {
     /// The view.
     view: u32,
-    /// Announced frames; null if nobody said how many.
+    /// Frames that the view shall have; null if nobody said how many.
     #[schema(required)]
     expected: Option<u32>,
     /// Frames that are there.
     present: u32,
     /// First and last number of each gap, at most 1000 gaps.
     missing: Vec<[u32; 2]>,
+    /// Rope metres of each gap; null where the manifest does not tell them.
+    missing_m: Vec<Option<[f64; 2]>>,
+    /// Frames whose files were found gone or changed since, at most 1000: send them again.
+    damaged: Vec<u32>,
 }
 
 /// What is missing in an acquisition.
@@ -199,6 +205,7 @@ impl From<acquisitions::Acquisition> for Acquisition {
                     frames_present: v.frames_present,
                 })
                 .collect(),
+            frame_bytes: a.row.frame_bytes,
             start_m: a.row.start_m,
             direction: Direction::Forward,
             acquired_at: a.row.acquired_at_ms.map(times::rfc3339),
@@ -215,8 +222,14 @@ page_of!(
 
 impl From<MissingFrames> for MissingView {
     fn from(m: MissingFrames) -> Self {
-        let missing = m.ranges.into_iter().map(|(first, last)| [first, last]).collect();
-        Self { view: m.view, expected: m.expected, present: m.present, missing }
+        Self {
+            view: m.view,
+            expected: m.expected,
+            present: m.present,
+            missing: m.ranges.into_iter().map(|(first, last)| [first, last]).collect(),
+            missing_m: m.ranges_m.into_iter().map(|range| range.map(|(from_m, to_m)| [from_m, to_m])).collect(),
+            damaged: m.damaged,
+        }
     }
 }
 

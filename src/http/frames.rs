@@ -3,9 +3,9 @@
 use super::acquisitions::{self, MAX_FRAMES};
 use super::extract::Path;
 use super::problem::{ReadProblems, WriteProblems};
-use super::{Problem, times};
+use super::{Problem, auth, times};
 use crate::app::App;
-use crate::http::upload::{Arrived, receive};
+use crate::http::upload::{Arrived, Promise, receive};
 use crate::pipeline::source::{self, MAX_FRAME_LINES, MAX_FRAME_PIXELS, MAX_SENSOR_PX, SourceError};
 use crate::store::frames::{Frame as Row, FrameStored};
 use crate::store::{Id, acquisitions::Acquisition};
@@ -84,20 +84,25 @@ pub async fn put_frame(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let arrived = receive(&app, &headers, body, async || {
+    let arrived = receive(&app, &headers, body, (id, view, frame), async || {
         let acquisition = acquisitions::load(&app, id).await?;
         place(&acquisition, view, frame)?;
         if acquisition.complete() && app.store.frame(Id(id), view, frame).await?.is_none() {
             return Err(complete(id));
         }
-        Ok(acquisition)
+        let announced = app.store.announced(Id(id), view, frame).await?;
+        let promise = announced
+            .map_or_else(Promise::default, |a| Promise { bytes: Some(a.bytes.unsigned_abs()), sha256: Some(a.sha256) });
+        Ok((acquisition, promise))
     })
     .await?;
+    // A slow link takes minutes: the token may have been revoked meanwhile.
+    auth::authenticate(&app, &headers).await?.one_of(auth::UPLOADERS)?;
     keep(&app, arrived, view, frame).await
 }
 
 /// Refuses view and frame numbers that the acquisition does not have.
-fn place(acquisition: &Acquisition, view: u32, frame: u32) -> Result<(), Problem> {
+pub fn place(acquisition: &Acquisition, view: u32, frame: u32) -> Result<(), Problem> {
     let id = acquisition.row.id;
     let Some(known) = acquisition.views.get(view as usize) else {
         let views = acquisition.views.len();
@@ -118,7 +123,8 @@ fn place(acquisition: &Acquisition, view: u32, frame: u32) -> Result<(), Problem
     Ok(())
 }
 
-fn complete(id: Uuid) -> Problem {
+/// The problem of an acquisition that takes no frames any more.
+pub fn complete(id: Uuid) -> Problem {
     Problem::acquisition_complete(format!("acquisition {id} is complete; nothing was changed"))
 }
 
@@ -127,7 +133,7 @@ async fn keep(app: &App, arrived: Arrived<Acquisition>, view: u32, frame: u32) -
     let id = acquisition.row.id;
     let address = format!("/api/v1/acquisitions/{id}/views/{view}/frames/{frame}");
     // Known bytes need no second check.
-    if let Some(old) = app.store.frame(id, view, frame).await? {
+    if let Some(old) = app.store.frame(id, view, frame).await?.filter(|old| old.damaged_at_ms.is_none()) {
         return if old.sha256 == arrived.sha256 {
             Ok(answer(StatusCode::OK, old, address))
         } else {
@@ -151,6 +157,7 @@ async fn keep(app: &App, arrived: Arrived<Acquisition>, view: u32, frame: u32) -
         lines,
         content_type: content_type.to_owned(),
         received_at_ms: app.now_ms(),
+        damaged_at_ms: None,
     };
     match app.store.keep_frame(arrived.file.path(), row).await? {
         FrameStored::New(row) => {

@@ -4,6 +4,7 @@
 //! one way requests are read, [`guard`] stands before every route, [`server`] accepts connections.
 
 pub mod acquisitions;
+pub mod arrivals;
 pub mod auth;
 pub mod buckets;
 pub mod defects;
@@ -18,16 +19,19 @@ pub mod job_events;
 pub mod jobs;
 pub mod lay_lengths;
 pub mod line_scores;
+pub mod manifest;
 pub mod models;
 pub mod openapi;
 pub mod pages;
 pub mod picture;
 pub mod pictures;
 pub mod problem;
+pub mod receipts;
 pub mod ropes;
 pub mod ropeways;
 pub mod router;
 pub mod server;
+mod space;
 pub mod tables;
 pub mod times;
 pub mod tokens;

@@ -73,6 +73,8 @@ kinds! {
     id_in_use: CONFLICT, "id-in-use", "The id belongs to a resource with other content";
     /// Another frame has this number.
     frame_differs: CONFLICT, "frame-differs", "Another frame has this number already";
+    /// Another request brings the frame.
+    superseded: CONFLICT, "superseded", "A newer request sends the same frame";
     /// The acquisition takes no more frames.
     acquisition_complete: CONFLICT, "acquisition-complete", "The acquisition is complete and takes no more frames";
     /// Frames are missing.
@@ -115,6 +117,8 @@ kinds! {
     no_likelihood: NOT_FOUND, "no-likelihood", "The inspection has no likelihood maps";
     /// Our fault.
     internal: INTERNAL_SERVER_ERROR, "internal", "The service failed";
+    /// No room.
+    insufficient_storage: INSUFFICIENT_STORAGE, "insufficient-storage", "There is no room for this";
     /// Too much to do.
     busy: SERVICE_UNAVAILABLE, "busy", "The service is busy";
     /// Not ready.
@@ -123,7 +127,11 @@ kinds! {
 
 impl Problem {
     fn new(status: StatusCode, slug: &'static str, title: &'static str, detail: String) -> Self {
-        let retry_after_s = (status == StatusCode::SERVICE_UNAVAILABLE).then_some(2);
+        let retry_after_s = match status {
+            StatusCode::SERVICE_UNAVAILABLE => Some(2),
+            StatusCode::INSUFFICIENT_STORAGE => Some(10), // a person has to make room
+            _ => None,
+        };
         Self {
             kind: format!("/problems/{slug}"),
             title,
@@ -166,6 +174,12 @@ impl Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
+        if error.disk_full() {
+            tracing::error!(%error, "the disk is full");
+            return Self::insufficient_storage(
+                "the disk of the service is full: free some of it, then send the same again",
+            );
+        }
         Self::failure(error)
     }
 }
@@ -217,17 +231,18 @@ const READ: [(&str, &str); 7] = [
     ("503", "The service is busy; see Retry-After"),
 ];
 
-const WRITE: [(&str, &str); 4] = [
+const WRITE: [(&str, &str); 5] = [
     ("409", "The request contradicts what is there"),
     ("413", "The body is too large"),
     ("415", "The body is of a type that is not taken"),
     ("422", "A value lies outside its interval or refers to nothing"),
+    ("507", "The disk or the quota of the ropeway has no room; see Retry-After"),
 ];
 
 impl IntoResponses for ReadProblems {
     fn responses() -> BTreeMap<String, RefOr<ApiResponse>> {
         let mut all = problems(&READ);
-        all.extend(problems(&WRITE[3..]));
+        all.extend(problems(&WRITE[3..4]));
         all
     }
 }

@@ -26,6 +26,9 @@ pub struct Ropeway {
     /// Where it stands.
     #[schema(required)]
     location: Option<String>,
+    /// Most bytes of frames of all its ropes; null: as the disk allows.
+    #[schema(required)]
+    quota_bytes: Option<i64>,
     /// When it was created.
     #[schema(format = DateTime)]
     created_at: String,
@@ -33,7 +36,13 @@ pub struct Ropeway {
 
 impl From<ropeways::Ropeway> for Ropeway {
     fn from(row: ropeways::Ropeway) -> Self {
-        Self { id: row.id.0, name: row.name, location: row.location, created_at: times::rfc3339(row.created_at_ms) }
+        Self {
+            id: row.id.0,
+            name: row.name,
+            location: row.location,
+            quota_bytes: row.quota_bytes,
+            created_at: times::rfc3339(row.created_at_ms),
+        }
     }
 }
 
@@ -130,6 +139,33 @@ pub async fn put_ropeway(
     Json(body): Json<NewRopeway>,
 ) -> Result<Response, Problem> {
     create(&app, Some(id), body).await
+}
+
+/// What a ropeway may take.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Quota {
+    /// Most bytes of frames of all its ropes; null or left out: as the disk allows.
+    #[schema(minimum = 0, maximum = 1000000000000000_i64)]
+    quota_bytes: Option<u64>,
+}
+
+/// Most bytes that can be said: a petabyte.
+const MAX_QUOTA_BYTES: u64 = 1_000_000_000_000_000;
+
+/// Say how many bytes the frames of a ropeway may take
+#[utoipa::path(put, path = "/ropeways/{id}/quota", tag = "ropes", params(("id" = Uuid, Path, description = "The ropeway")),
+    request_body = Quota, responses((status = 200, description = "The ropeway", body = Ropeway), WriteProblems))]
+pub async fn put_quota(
+    State(app): State<App>,
+    Path(id): Path<Uuid>,
+    Json(body): Json<Quota>,
+) -> Result<axum::Json<Ropeway>, Problem> {
+    if let Some(bytes) = body.quota_bytes.filter(|&bytes| bytes > MAX_QUOTA_BYTES) {
+        return Err(Problem::outside("quota_bytes", bytes as f64, 0.0, MAX_QUOTA_BYTES as f64));
+    }
+    let row = app.store.set_quota(Id(id), body.quota_bytes.map(|bytes| bytes as i64)).await?;
+    Ok(axum::Json(row.ok_or_else(|| Problem::no("ropeway", id))?.into()))
 }
 
 /// A ropeway

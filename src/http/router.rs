@@ -3,7 +3,7 @@
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
 use super::{
     Problem, acquisitions, defects, deliveries, frames, guard, health, history, inspections, job_events, jobs,
-    lay_lengths, line_scores, models, openapi, pictures, ropes, ropeways, tokens, webhooks,
+    lay_lengths, line_scores, manifest, models, openapi, pictures, receipts, ropes, ropeways, tokens, webhooks,
 };
 use crate::app::App;
 use axum::Router;
@@ -36,7 +36,9 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(acquisitions::create_acquisition))
         .routes(routes!(acquisitions::put_acquisition))
         .routes(routes!(acquisitions::delete_acquisition))
-        .routes(routes!(acquisitions::complete_acquisition));
+        .routes(routes!(acquisitions::complete_acquisition))
+        .routes(routes!(manifest::post_manifest))
+        .routes(routes!(receipts::post_receipt));
     let uploads = OpenApiRouter::new().routes(routes!(frames::put_frame));
     let readers = OpenApiRouter::new()
         .routes(routes!(frames::get_frame))
@@ -48,6 +50,8 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(models::get_model_file))
         .routes(routes!(inspections::list_inspections))
         .routes(routes!(inspections::get_inspection))
+        .routes(routes!(receipts::get_certificate))
+        .routes(routes!(receipts::get_signing_key))
         .routes(routes!(lay_lengths::get_lay_lengths))
         .routes(routes!(line_scores::get_line_scores))
         .routes(routes!(pictures::get_likelihood))
@@ -61,6 +65,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
     let operators = OpenApiRouter::new()
         .routes(routes!(ropeways::create_ropeway))
         .routes(routes!(ropeways::put_ropeway))
+        .routes(routes!(ropeways::put_quota))
         .routes(routes!(ropes::create_rope))
         .routes(routes!(ropes::put_rope))
         .routes(routes!(ropes::patch_ticketing))

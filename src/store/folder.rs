@@ -8,6 +8,7 @@
 //! uploads/                                          frames on their way in
 //! work/                                             results on their way out
 //! instances/<instance>                              one locked file a living process
+//! signing-key.pk8                                   secret key of receipts
 //! ```
 
 use super::{Id, StoreError};
@@ -71,6 +72,16 @@ impl DataFolder {
     /// Where workers write before their results are accepted.
     pub fn work(&self) -> PathBuf {
         self.0.join("work")
+    }
+
+    /// The secret key that signs receipts.
+    pub(super) fn signing_key(&self) -> PathBuf {
+        self.0.join("signing-key.pk8")
+    }
+
+    /// Bytes that the disk still has for this process.
+    pub fn free_bytes(&self) -> Result<u64, StoreError> {
+        fs4::available_space(&*self.0).map_err(|source| StoreError::File { path: self.0.to_path_buf(), source })
     }
 
     fn instances(&self) -> PathBuf {
@@ -171,6 +182,11 @@ pub fn remove(path: &Path) -> Result<(), StoreError> {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(StoreError::File { path: path.into(), source: e }),
         _ => Ok(()),
     }
+}
+
+/// Length of a file.
+pub fn length(path: &Path) -> Result<u64, StoreError> {
+    fs::metadata(path).map(|m| m.len()).map_err(|source| StoreError::File { path: path.into(), source })
 }
 
 /// Makes the names in a folder durable.

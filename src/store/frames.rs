@@ -22,12 +22,14 @@ pub struct Frame {
     pub content_type: String,
     /// When it was acknowledged, ms since 1970.
     pub received_at_ms: i64,
+    /// When its file was found gone or changed, ms since 1970; `None` while it is sound.
+    pub damaged_at_ms: Option<i64>,
 }
 
 /// What came of a frame that was sent.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FrameStored {
-    /// It is new and durable.
+    /// It is new, or sound again after it was damaged, and durable.
     New(Frame),
     /// The same bytes were there already.
     Same(Frame),
@@ -95,7 +97,23 @@ impl Store {
                 .fetch_optional(&mut *tx)
                 .await?;
         if let Some(old) = old {
-            return Ok(if old.sha256 == frame.sha256 { FrameStored::Same(old) } else { FrameStored::Different(old) });
+            if old.sha256 != frame.sha256 {
+                return Ok(FrameStored::Different(old));
+            }
+            if old.damaged_at_ms.is_none() {
+                return Ok(FrameStored::Same(old));
+            }
+            sqlx::query(
+                "update frame set damaged_at_ms = null, received_at_ms = $4 where acquisition_id = $1 and view = $2 and frame = $3",
+            )
+            .bind(frame.acquisition_id)
+            .bind(frame.view)
+            .bind(frame.frame)
+            .bind(frame.received_at_ms)
+            .execute(&mut *tx)
+            .await?;
+            tx.commit().await?;
+            return Ok(FrameStored::New(frame));
         }
         if state != "open" {
             return Ok(FrameStored::Complete);
@@ -117,6 +135,11 @@ impl Store {
         .bind(frame.received_at_ms)
         .execute(&mut *tx)
         .await?;
+        sqlx::query("update acquisition set frame_bytes = frame_bytes + $2 where id = $1")
+            .bind(frame.acquisition_id)
+            .bind(frame.bytes)
+            .execute(&mut *tx)
+            .await?;
         tx.commit().await?;
         Ok(FrameStored::New(frame))
     }

@@ -5,6 +5,7 @@
 pub mod acquisitions;
 pub mod defects;
 pub mod deliveries;
+pub mod digest;
 pub mod folder;
 pub mod frames;
 mod id;
@@ -12,12 +13,15 @@ pub mod inspections;
 pub mod jobs;
 pub mod lay_lengths;
 pub mod leases;
+pub mod manifest;
 pub mod models;
 pub mod outbox;
+pub mod receipts;
 mod rope_file;
 pub mod ropes;
 pub mod ropeways;
 pub mod tokens;
+pub mod verification;
 pub mod webhook_endpoints;
 
 pub use folder::DataFolder;
@@ -70,6 +74,20 @@ pub enum StoreError {
         /// What stands there, or what is wrong with it.
         value: String,
     },
+}
+
+impl StoreError {
+    /// True when the disk has no room.
+    pub fn disk_full(&self) -> bool {
+        const SQLITE_FULL: &str = "13";
+        match self {
+            Self::File { source, .. } => {
+                matches!(source.kind(), std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded)
+            }
+            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| code == SQLITE_FULL),
+            _ => false,
+        }
+    }
 }
 
 /// What came of creating something under an id that the client may have used before.

@@ -15,6 +15,8 @@ pub struct Ropeway {
     pub location: Option<String>,
     /// When it was created, ms since 1970.
     pub created_at_ms: i64,
+    /// Most bytes of frames of all its ropes; `None`: as the disk allows.
+    pub quota_bytes: Option<i64>,
 }
 
 impl Store {
@@ -49,6 +51,15 @@ impl Store {
     /// A ropeway.
     pub async fn ropeway(&self, id: Id) -> Result<Option<Ropeway>, StoreError> {
         Ok(sqlx::query_as("select * from ropeway where id = $1").bind(id).fetch_optional(self.reader()).await?)
+    }
+
+    /// Says how many bytes the frames of a ropeway may take. `None` if there is no such ropeway.
+    pub async fn set_quota(&self, id: Id, quota_bytes: Option<i64>) -> Result<Option<Ropeway>, StoreError> {
+        Ok(sqlx::query_as("update ropeway set quota_bytes = $2 where id = $1 returning *")
+            .bind(id)
+            .bind(quota_bytes)
+            .fetch_optional(self.writer())
+            .await?)
     }
 
     /// All ropeways, page by page.

@@ -3,7 +3,7 @@
 use ropescope::clock::SystemClock;
 use ropescope::config::Settings;
 use ropescope::http::auth;
-use ropescope::pipeline::results::{AlarmRow, DefectRow, Summary, Threshold};
+use ropescope::pipeline::results::{AlarmRow, DefectRow, NotCovered, Summary, Threshold};
 use ropescope::pipeline::{
     Acquisition, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions, TrainReport,
 };
@@ -152,7 +152,7 @@ impl Engine for ToyEngine {
             lines: source.frames(0) * LINES as usize,
             metres: 0.02,
             covered_view_m: 0.01,
-            not_covered: vec![],
+            not_covered: vec![NotCovered { view: 0, from_m: 5.01, to_m: 5.02, reason: "too dark".into() }],
             threshold: options.threshold.map(|line_score| Threshold { line_score, origin: "the request".into() }),
             defects: found,
             seconds: 0.1,

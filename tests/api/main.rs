@@ -10,5 +10,7 @@ mod frames;
 mod helpers;
 mod jobs;
 mod leases;
+mod manifests;
+mod receipts;
 mod results;
 mod ropes;
