@@ -1,5 +1,6 @@
 //! Every command of `ropescope`, one file each.
 
+mod backup;
 mod demo;
 mod evaluate;
 mod given_contours;
@@ -9,7 +10,9 @@ mod inspect_report;
 mod logs;
 mod recording;
 mod results_out;
+mod retention;
 mod run_progress;
+mod scrub;
 mod serve;
 mod simulate;
 mod time_left;
@@ -43,6 +46,10 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     Upload(upload::UploadArgs),
     VerifyReceipt(verify_receipt::VerifyReceiptArgs),
+    Backup(backup::BackupArgs),
+    Restore(backup::RestoreArgs),
+    Scrub(scrub::ScrubArgs),
+    Retention(retention::RetentionArgs),
     Demo(demo::DemoArgs),
     Healthcheck(healthcheck::HealthcheckArgs),
 }
@@ -59,6 +66,10 @@ pub(crate) fn run() -> ExitCode {
         Command::Evaluate(args) => evaluate::run(args),
         Command::Upload(args) => upload::run(args),
         Command::VerifyReceipt(args) => verify_receipt::run(&args),
+        Command::Backup(args) => backup::backup(&args),
+        Command::Restore(args) => backup::restore(&args),
+        Command::Scrub(args) => scrub::run(&args),
+        Command::Retention(args) => retention::run(&args),
         Command::Demo(args) => demo::run(args),
         Command::Healthcheck(args) => healthcheck::run(args),
     };

@@ -73,6 +73,9 @@ pub struct Acquisition {
     frames_expected: Option<u64>,
     /// Bytes of the frames that are there.
     frame_bytes: i64,
+    /// When its frames were removed, because their time was over; null while they are there.
+    #[schema(required, format = DateTime)]
+    frames_removed_at: Option<String>,
     /// When it was created.
     #[schema(format = DateTime)]
     created_at: String,
@@ -206,6 +209,7 @@ impl From<acquisitions::Acquisition> for Acquisition {
                 })
                 .collect(),
             frame_bytes: a.row.frame_bytes,
+            frames_removed_at: a.row.frames_removed_at_ms.map(times::rfc3339),
             start_m: a.row.start_m,
             direction: Direction::Forward,
             acquired_at: a.row.acquired_at_ms.map(times::rfc3339),
@@ -313,6 +317,18 @@ pub async fn get_acquisition(State(app): State<App>, Path(id): Path<Uuid>) -> Re
 /// The acquisition of a path.
 pub async fn load(app: &App, id: Uuid) -> Result<acquisitions::Acquisition, Problem> {
     app.store.acquisition(Id(id)).await?.ok_or_else(|| Problem::no("acquisition", id))
+}
+
+/// The acquisition of a path, if it still has its frames. Errors: 410 when retention removed them.
+pub async fn load_with_frames(app: &App, id: Uuid) -> Result<acquisitions::Acquisition, Problem> {
+    let acquisition = load(app, id).await?;
+    match acquisition.row.frames_removed_at_ms {
+        None => Ok(acquisition),
+        Some(ms) => Err(Problem::frames_removed(format!(
+            "the frames of acquisition {id} were removed on {}, after the time that its ropeway keeps them; results stay",
+            times::rfc3339(ms)
+        ))),
+    }
 }
 
 /// Acquisitions, newest first

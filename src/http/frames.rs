@@ -85,7 +85,7 @@ pub async fn put_frame(
     body: Body,
 ) -> Result<Response, Problem> {
     let arrived = receive(&app, &headers, body, (id, view, frame), async || {
-        let acquisition = acquisitions::load(&app, id).await?;
+        let acquisition = acquisitions::load_with_frames(&app, id).await?;
         place(&acquisition, view, frame)?;
         if acquisition.complete() && app.store.frame(Id(id), view, frame).await?.is_none() {
             return Err(complete(id));
@@ -270,7 +270,7 @@ pub async fn get_frame(
     Path((id, view, frame)): Path<(Uuid, u32, u32)>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let acquisition = acquisitions::load(&app, id).await?;
+    let acquisition = acquisitions::load_with_frames(&app, id).await?;
     place(&acquisition, view, frame)?;
     let row = app
         .store

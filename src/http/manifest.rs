@@ -79,7 +79,7 @@ pub async fn post_manifest(
     if !(1..=MAX_ENTRIES).contains(&body.frames.len()) {
         return Err(Problem::outside("frames", body.frames.len() as f64, 1.0, MAX_ENTRIES as f64));
     }
-    let acquisition = acquisitions::load(&app, id).await?;
+    let acquisition = acquisitions::load_with_frames(&app, id).await?;
     let limit = app.settings.limits.frame_bytes;
     let announced = body.frames.into_iter().map(|entry| {
         frames::place(&acquisition, entry.view, entry.frame)?;

@@ -91,6 +91,8 @@ kinds! {
     verdict_differs: CONFLICT, "verdict-differs", "There is another verdict already";
     /// Nothing is sent to the endpoint.
     endpoint_disabled: CONFLICT, "endpoint-disabled", "The webhook endpoint is switched off";
+    /// Retention took the frames.
+    frames_removed: GONE, "frames-removed", "The frames of the acquisition were removed";
     /// Too many bytes.
     body_too_large: PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large";
     /// Not a type that is taken.
@@ -221,11 +223,12 @@ fn problems(of: &[(&str, &str)]) -> BTreeMap<String, RefOr<ApiResponse>> {
         .collect()
 }
 
-const READ: [(&str, &str); 7] = [
+const READ: [(&str, &str); 8] = [
     ("400", "Path, query or header cannot be understood"),
     ("401", "No valid access token"),
     ("403", "The role of the token does not suffice"),
     ("404", "No such resource"),
+    ("410", "It was there and was removed"),
     ("408", "The request took too long to arrive"),
     ("500", "The service failed"),
     ("503", "The service is busy; see Retry-After"),

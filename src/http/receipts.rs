@@ -91,7 +91,7 @@ pub async fn post_receipt(State(app): State<App>, Path(id): Path<Uuid>) -> Resul
     if let Some(body) = app.store.receipt(Id(id)).await? {
         return Ok(([(header::CONTENT_TYPE, "application/json")], body).into_response());
     }
-    let acquisition = acquisitions::load(&app, id).await?;
+    let acquisition = acquisitions::load_with_frames(&app, id).await?;
     let missing = app.store.missing(Id(id)).await?.ok_or_else(|| Problem::no("acquisition", id))?;
     if !acquisition.complete() || missing.iter().any(|view| !view.whole()) {
         return Err(incomplete(id, missing));

@@ -29,6 +29,9 @@ pub struct Ropeway {
     /// Most bytes of frames of all its ropes; null: as the disk allows.
     #[schema(required)]
     quota_bytes: Option<i64>,
+    /// Days after which frames may be removed; null: never.
+    #[schema(required)]
+    keep_days: Option<u32>,
     /// When it was created.
     #[schema(format = DateTime)]
     created_at: String,
@@ -41,6 +44,7 @@ impl From<ropeways::Ropeway> for Ropeway {
             name: row.name,
             location: row.location,
             quota_bytes: row.quota_bytes,
+            keep_days: row.keep_days,
             created_at: times::rfc3339(row.created_at_ms),
         }
     }
@@ -141,30 +145,39 @@ pub async fn put_ropeway(
     create(&app, Some(id), body).await
 }
 
-/// What a ropeway may take.
+/// How many frames of a ropeway are stored, and for how long.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Quota {
+pub struct Storage {
     /// Most bytes of frames of all its ropes; null or left out: as the disk allows.
     #[schema(minimum = 0, maximum = 1000000000000000_i64)]
     quota_bytes: Option<u64>,
+    /// Days after which `ropescope retention` may remove frames; null or left out: never.
+    #[schema(minimum = 1, maximum = 36500)]
+    keep_days: Option<u32>,
 }
 
 /// Most bytes that can be said: a petabyte.
 const MAX_QUOTA_BYTES: u64 = 1_000_000_000_000_000;
 
-/// Say how many bytes the frames of a ropeway may take
-#[utoipa::path(put, path = "/ropeways/{id}/quota", tag = "ropes", params(("id" = Uuid, Path, description = "The ropeway")),
-    request_body = Quota, responses((status = 200, description = "The ropeway", body = Ropeway), WriteProblems))]
-pub async fn put_quota(
+/// Longest time that can be said: a century.
+const MAX_KEEP_DAYS: u32 = 36_500;
+
+/// Say how many bytes the frames of a ropeway may take, and how long they are kept
+#[utoipa::path(put, path = "/ropeways/{id}/storage", tag = "ropes", params(("id" = Uuid, Path, description = "The ropeway")),
+    request_body = Storage, responses((status = 200, description = "The ropeway", body = Ropeway), WriteProblems))]
+pub async fn put_storage(
     State(app): State<App>,
     Path(id): Path<Uuid>,
-    Json(body): Json<Quota>,
+    Json(body): Json<Storage>,
 ) -> Result<axum::Json<Ropeway>, Problem> {
     if let Some(bytes) = body.quota_bytes.filter(|&bytes| bytes > MAX_QUOTA_BYTES) {
         return Err(Problem::outside("quota_bytes", bytes as f64, 0.0, MAX_QUOTA_BYTES as f64));
     }
-    let row = app.store.set_quota(Id(id), body.quota_bytes.map(|bytes| bytes as i64)).await?;
+    if let Some(days) = body.keep_days.filter(|days| !(1..=MAX_KEEP_DAYS).contains(days)) {
+        return Err(Problem::outside("keep_days", f64::from(days), 1.0, f64::from(MAX_KEEP_DAYS)));
+    }
+    let row = app.store.set_storage(Id(id), body.quota_bytes.map(|bytes| bytes as i64), body.keep_days).await?;
     Ok(axum::Json(row.ok_or_else(|| Problem::no("ropeway", id))?.into()))
 }
 

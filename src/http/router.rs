@@ -65,7 +65,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
     let operators = OpenApiRouter::new()
         .routes(routes!(ropeways::create_ropeway))
         .routes(routes!(ropeways::put_ropeway))
-        .routes(routes!(ropeways::put_quota))
+        .routes(routes!(ropeways::put_storage))
         .routes(routes!(ropes::create_rope))
         .routes(routes!(ropes::put_rope))
         .routes(routes!(ropes::patch_ticketing))

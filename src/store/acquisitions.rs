@@ -32,6 +32,8 @@ pub struct AcquisitionRow {
     pub created_at_ms: i64,
     /// Bytes of the frames that are there.
     pub frame_bytes: i64,
+    /// When its frames were removed, ms since 1970; `None` while they are there.
+    pub frames_removed_at_ms: Option<i64>,
 }
 
 /// A view of an acquisition.

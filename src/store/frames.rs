@@ -150,13 +150,15 @@ impl Store {
         let mut orphans = folder::entries(&self.folder().uploads())?;
         for acquisition in folder::entries(&self.folder().frames())? {
             let name = acquisition.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_owned();
-            let known: std::collections::HashSet<(u32, u32, String)> =
-                sqlx::query_as("select view, frame, sha256 from frame where acquisition_id = $1")
-                    .bind(&name)
-                    .fetch_all(self.reader())
-                    .await?
-                    .into_iter()
-                    .collect();
+            let known: std::collections::HashSet<(u32, u32, String)> = sqlx::query_as(
+                "select f.view, f.frame, f.sha256 from frame f join acquisition a on a.id = f.acquisition_id
+                     where a.id = $1 and a.frames_removed_at_ms is null",
+            )
+            .bind(&name)
+            .fetch_all(self.reader())
+            .await?
+            .into_iter()
+            .collect();
             for view in folder::entries(&acquisition)? {
                 for file in folder::entries(&view)? {
                     if !frame_of(&file).is_some_and(|key| known.contains(&key)) {

@@ -188,7 +188,7 @@ impl Store {
     ) -> Result<bool, StoreError> {
         let twin: Option<Frame> = sqlx::query_as(
             "select f.* from frame f join acquisition a on a.id = f.acquisition_id
-             where f.sha256 = $1 and f.bytes = $2 and f.damaged_at_ms is null and a.sensor_px = $3 limit 1",
+             where f.sha256 = $1 and f.bytes = $2 and f.damaged_at_ms is null and a.frames_removed_at_ms is null and a.sensor_px = $3 limit 1",
         )
         .bind(&new.sha256)
         .bind(new.bytes)

@@ -3,6 +3,7 @@
 //! Reading order: [`Store`] (connections), [`folder`] (files and who else works on them), then one file a table.
 
 pub mod acquisitions;
+pub mod backup;
 pub mod defects;
 pub mod deliveries;
 pub mod digest;
@@ -17,6 +18,7 @@ pub mod manifest;
 pub mod models;
 pub mod outbox;
 pub mod receipts;
+pub mod retention;
 mod rope_file;
 pub mod ropes;
 pub mod ropeways;

@@ -27,10 +27,13 @@ impl Store {
     /// Reads every frame of an acquisition back from the disk. `on_progress` is told how many were read, now and then.
     pub async fn verify_frames(&self, acquisition: Id, on_progress: impl Fn(u64)) -> Result<Verified, StoreError> {
         let mut verified = Verified::default();
-        let frames: Vec<Frame> = sqlx::query_as("select * from frame where acquisition_id = $1 order by view, frame")
-            .bind(acquisition)
-            .fetch_all(self.reader())
-            .await?;
+        let frames: Vec<Frame> = sqlx::query_as(
+            "select f.* from frame f join acquisition a on a.id = f.acquisition_id
+             where a.id = $1 and a.frames_removed_at_ms is null order by f.view, f.frame",
+        )
+        .bind(acquisition)
+        .fetch_all(self.reader())
+        .await?;
         for batch in frames.chunks(BATCH) {
             let (folder, batch) = (self.folder().clone(), batch.to_vec());
             let judged = run_blocking(move || {
@@ -50,6 +53,18 @@ impl Store {
             on_progress(verified.frames);
         }
         Ok(verified)
+    }
+
+    /// Ids of models whose files are gone or changed.
+    pub async fn damaged_models(&self) -> Result<Vec<Id>, StoreError> {
+        let models: Vec<(Id, String)> = sqlx::query_as("select id, sha256 from model").fetch_all(self.reader()).await?;
+        let folder = self.folder().clone();
+        run_blocking(move || {
+            let sound =
+                |id, sha256: &str| digest::of_file_on_disk(&folder.model(id)).is_ok_and(|there| there == sha256);
+            Ok(models.into_iter().filter(|(id, sha256)| !sound(*id, sha256)).map(|(id, _)| id).collect())
+        })
+        .await
     }
 
     /// Marks frames as damaged: they are asked for again, and answered as missing until then.

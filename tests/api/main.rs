@@ -13,4 +13,5 @@ mod leases;
 mod manifests;
 mod receipts;
 mod results;
+mod retention;
 mod ropes;

@@ -103,7 +103,7 @@ async fn a_manifest_beyond_the_quota_is_refused_with_figures_and_so_is_a_frame()
     let ropeway = app.admin.get(&format!("ropes/{rope}")).await.ok(200)["ropeway_id"].as_str().unwrap().to_owned();
     let id = app.admin.acquisition(&rope, &[Some(3)]).await;
     let one = png(0).len();
-    let path = format!("ropeways/{ropeway}/quota");
+    let path = format!("ropeways/{ropeway}/storage");
     let quota = |bytes: Value| app.admin.call("PUT", &path, json!({ "quota_bytes": bytes }));
     quota(json!(one + 5)).await.ok(200);
     app.admin.put_frame(&id, 0, 0, png(0)).await.ok(201);
@@ -116,7 +116,7 @@ async fn a_manifest_beyond_the_quota_is_refused_with_figures_and_so_is_a_frame()
     quota(json!(null)).await.ok(200);
     app.admin.put_frame(&id, 0, 1, png(1)).await.ok(201);
     app.admin
-        .call("PUT", &format!("ropeways/{ropeway}/quota"), json!({ "quota_bytes": 2_000_000_000_000_000_u64 }))
+        .call("PUT", &format!("ropeways/{ropeway}/storage"), json!({ "quota_bytes": 2_000_000_000_000_000_u64 }))
         .await
         .problem(422, "out-of-range");
 }

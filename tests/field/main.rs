@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on says where")]
 
 mod disk;
+mod housekeeping;
 mod kills;
 mod link;
 mod processes;
