@@ -237,7 +237,8 @@ impl From<MissingFrames> for MissingView {
     }
 }
 
-fn check(rope: &ropes::Rope, new: &acquisitions::NewAcquisition) -> Result<(), Problem> {
+/// Refuses an acquisition that this rope cannot have.
+pub fn check(rope: &ropes::Rope, new: &acquisitions::NewAcquisition) -> Result<(), Problem> {
     match new.rope_file(&rope.design).validate() {
         Ok(_) => {}
         Err(AcquisitionError::OutOfRange { quantity, value, min, max }) => {

@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
@@ -25,9 +26,15 @@ struct Table {
     arriving: HashMap<FramePlace, Vec<Arriving>>,
 }
 
-/// All frames that are arriving. Cheap to clone.
+#[derive(Default)]
+struct Shared {
+    table: Mutex<Table>,
+    gone: Notify,
+}
+
+/// All frames (and archives, under view 0 and frame 0) that are arriving. Cheap to clone.
 #[derive(Clone, Default)]
-pub struct Arrivals(Arc<Mutex<Table>>);
+pub struct Arrivals(Arc<Shared>);
 
 /// One request that receives a frame; forgotten when it is dropped.
 pub struct Arrival {
@@ -41,19 +48,43 @@ impl Arrivals {
     /// Begins to receive a frame. Requests for the same one that have been silent for a while are ended.
     pub fn begin(&self, place: FramePlace) -> Arrival {
         let mut table = self.table();
-        let request = table.next_request;
-        table.next_request += 1;
-        let end = CancellationToken::new();
-        let same = table.arriving.entry(place).or_default();
-        for stale in same.iter().filter(|a| a.last_byte.elapsed() >= STALE) {
+        for stale in table.at(place).iter().filter(|a| a.last_byte.elapsed() >= STALE) {
             stale.end.cancel();
         }
-        same.push(Arriving { request, last_byte: Instant::now(), end: end.clone() });
-        Arrival { arrivals: self.clone(), place, request, end }
+        table.enter(self, place)
+    }
+
+    /// Ends every request at this place, stale or not, waits until they have let go, and takes it.
+    pub async fn take_over(&self, place: FramePlace) -> Arrival {
+        loop {
+            let gone = self.0.gone.notified(); // before looking, or one that goes in between is missed
+            {
+                let mut table = self.table();
+                if table.at(place).is_empty() {
+                    return table.enter(self, place);
+                }
+                table.at(place).iter().for_each(|other| other.end.cancel());
+            }
+            gone.await;
+        }
     }
 
     fn table(&self) -> MutexGuard<'_, Table> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner) // nothing in it can be half done
+        self.0.table.lock().unwrap_or_else(PoisonError::into_inner) // nothing in it can be half done
+    }
+}
+
+impl Table {
+    fn at(&mut self, place: FramePlace) -> &mut Vec<Arriving> {
+        self.arriving.entry(place).or_default()
+    }
+
+    fn enter(&mut self, arrivals: &Arrivals, place: FramePlace) -> Arrival {
+        let request = self.next_request;
+        self.next_request += 1;
+        let end = CancellationToken::new();
+        self.at(place).push(Arriving { request, last_byte: Instant::now(), end: end.clone() });
+        Arrival { arrivals: arrivals.clone(), place, request, end }
     }
 }
 
@@ -82,5 +113,7 @@ impl Drop for Arrival {
                 table.arriving.remove(&self.place);
             }
         }
+        drop(table);
+        self.arrivals.0.gone.notify_waiters();
     }
 }

@@ -174,7 +174,7 @@ async fn keep(app: &App, arrived: Arrived<Acquisition>, view: u32, frame: u32) -
 
 /// Header first, then the whole image: a header that lies about its size costs no memory, a truncated file is found now and
 /// not by a job tomorrow.
-fn check(path: &FilePath, sensor_px: u32) -> Result<(u32, &'static str), SourceError> {
+pub fn check(path: &FilePath, sensor_px: u32) -> Result<(u32, &'static str), SourceError> {
     let from_png = png_header(path);
     let (width, lines) = match from_png {
         Some(size) => size,
@@ -200,7 +200,7 @@ fn png_header(path: &FilePath) -> Option<(u32, u32)> {
 }
 
 /// The problem of a frame that is none. Paths of ours stay with us.
-fn refused(error: SourceError, sensor_px: u32) -> Problem {
+pub fn refused(error: SourceError, sensor_px: u32) -> Problem {
     match error {
         SourceError::TooLarge { width, height, .. } => Problem::frame_too_large(format!(
             "the image is {width}x{height}, but a frame may have at most {MAX_SENSOR_PX} columns, {MAX_FRAME_LINES} lines and {MAX_FRAME_PIXELS} pixels"

@@ -4,6 +4,7 @@
 //! one way requests are read, [`guard`] stands before every route, [`server`] accepts connections.
 
 pub mod acquisitions;
+mod archive_entries;
 pub mod arrivals;
 pub mod auth;
 pub mod buckets;
@@ -35,6 +36,8 @@ mod space;
 pub mod tables;
 pub mod times;
 pub mod tokens;
+mod tus;
+pub mod unpack;
 mod upload;
 pub mod webhooks;
 

@@ -91,6 +91,16 @@ kinds! {
     verdict_differs: CONFLICT, "verdict-differs", "There is another verdict already";
     /// Nothing is sent to the endpoint.
     endpoint_disabled: CONFLICT, "endpoint-disabled", "The webhook endpoint is switched off";
+    /// The upload got no byte for too long.
+    upload_expired: GONE, "upload-expired", "The upload was not continued in time";
+    /// A chunk that does not continue the file.
+    wrong_offset: CONFLICT, "wrong-offset", "The chunk does not begin where the file ends";
+    /// The archive is being unpacked.
+    archive_unpacking: CONFLICT, "archive-unpacking", "The archive is being unpacked";
+    /// Not version 1.0.0 of tus.
+    wrong_tus_version: PRECONDITION_FAILED, "wrong-tus-version", "Only version 1.0.0 of tus is spoken";
+    /// Not an archive of an acquisition.
+    archive_refused: UNPROCESSABLE_ENTITY, "archive-refused", "The archive cannot be taken";
     /// Retention took the frames.
     frames_removed: GONE, "frames-removed", "The frames of the acquisition were removed";
     /// Too many bytes.
@@ -153,6 +163,17 @@ impl Problem {
     /// Adds the offending value and the limit that it broke.
     pub fn limit(self, value: impl Serialize, limit: impl Serialize) -> Self {
         self.with("value", value).with("limit", limit)
+    }
+
+    /// A chunk that is not what its checksum promised: a status of tus's own.
+    pub fn checksum_mismatch(detail: impl Into<String>) -> Self {
+        let status = StatusCode::from_u16(460).unwrap_or(StatusCode::BAD_REQUEST);
+        Self::new(status, "checksum-mismatch", "The chunk is not what its checksum promised", detail.into())
+    }
+
+    /// True when the same request may succeed later.
+    pub fn is_of_the_service(&self) -> bool {
+        self.status >= 500
     }
 
     /// A value of the body outside its interval.

@@ -3,7 +3,8 @@
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
 use super::{
     Problem, acquisitions, defects, deliveries, frames, guard, health, history, inspections, job_events, jobs,
-    lay_lengths, line_scores, manifest, models, openapi, pictures, receipts, ropes, ropeways, tokens, webhooks,
+    lay_lengths, line_scores, manifest, models, openapi, pictures, receipts, ropes, ropeways, tokens, tus, unpack,
+    webhooks,
 };
 use crate::app::App;
 use axum::Router;
@@ -38,7 +39,8 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(acquisitions::delete_acquisition))
         .routes(routes!(acquisitions::complete_acquisition))
         .routes(routes!(manifest::post_manifest))
-        .routes(routes!(receipts::post_receipt));
+        .routes(routes!(receipts::post_receipt))
+        .routes(routes!(unpack::get_archive));
     let uploads = OpenApiRouter::new().routes(routes!(frames::put_frame));
     let readers = OpenApiRouter::new()
         .routes(routes!(frames::get_frame))
@@ -117,6 +119,7 @@ pub fn router(app: &App) -> Router {
     let (routes, contract) = all(app);
     let routes = routes
         .merge(openapi::pages(contract))
+        .merge(Router::new().nest("/api/v1", tus::routes(app)))
         .layer(DefaultBodyLimit::max(app.settings.limits.json_bytes))
         .method_not_allowed_fallback(no_method)
         .fallback(no_route)

@@ -145,7 +145,7 @@ async fn pour(
 }
 
 /// Lets a refused client finish sending, so that it reads the answer; but no more than another body's worth.
-async fn refuse(problem: Problem, stream: &mut BodyDataStream, limit: u64) -> Problem {
+pub async fn refuse(problem: Problem, stream: &mut BodyDataStream, limit: u64) -> Problem {
     let drain = async {
         let mut left = limit * 2;
         while let Some(Ok(chunk)) = stream.next().await {

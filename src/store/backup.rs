@@ -72,8 +72,10 @@ impl Store {
 
     /// Everything that lies beside the database and that `snapshot` names.
     async fn named_in(&self, snapshot: &Path, target: &super::DataFolder) -> Result<Vec<Named>, StoreError> {
-        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(snapshot).read_only(true);
+        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(snapshot);
         let rows = sqlx::SqlitePool::connect_with(options).await?;
+        // Files that are still arriving are not copied: their clients begin them anew.
+        sqlx::query("delete from archive where state in ('receiving', 'unpacking')").execute(&rows).await?;
         let frames: Vec<super::frames::Frame> = sqlx::query_as(
             "select f.* from frame f join acquisition a on a.id = f.acquisition_id where a.frames_removed_at_ms is null",
         )

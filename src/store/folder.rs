@@ -6,6 +6,7 @@
 //! models/<model>                                    appearance models
 //! inspections/<inspection>/                         results folders
 //! uploads/                                          frames on their way in
+//! archives/<archive>                                whole recordings on their way in
 //! work/                                             results on their way out
 //! instances/<instance>                              one locked file a living process
 //! signing-key.pk8                                   secret key of receipts
@@ -40,7 +41,9 @@ impl DataFolder {
     /// Opens the folder and makes what is missing in it.
     pub(super) fn open(path: &Path) -> Result<Self, StoreError> {
         let folder = Self(path.into());
-        for part in [folder.frames(), folder.models(), folder.inspections(), folder.uploads(), folder.work()] {
+        for part in
+            [folder.frames(), folder.models(), folder.inspections(), folder.uploads(), folder.archives(), folder.work()]
+        {
             make_folder(&part)?;
         }
         make_folder(&folder.instances())?;
@@ -67,6 +70,11 @@ impl DataFolder {
     /// Where uploads are written before they are checked.
     pub fn uploads(&self) -> PathBuf {
         self.0.join("uploads")
+    }
+
+    /// Where archives are written until they are unpacked.
+    pub(super) fn archives(&self) -> PathBuf {
+        self.0.join("archives")
     }
 
     /// Where workers write before their results are accepted.

@@ -148,6 +148,12 @@ impl Store {
     /// works on the folder, results without a row. Returns how many files and folders went.
     pub async fn sweep(&self, alone: bool) -> Result<usize, StoreError> {
         let mut orphans = folder::entries(&self.folder().uploads())?;
+        let archives: Vec<String> =
+            sqlx::query_scalar("select id from archive where state in ('receiving', 'unpacking')")
+                .fetch_all(self.reader())
+                .await?;
+        let without_row = |path: &std::path::PathBuf| !archives.iter().any(|id| path.ends_with(id));
+        orphans.extend(folder::entries(&self.folder().archives())?.into_iter().filter(without_row));
         for acquisition in folder::entries(&self.folder().frames())? {
             let name = acquisition.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_owned();
             let known: std::collections::HashSet<(u32, u32, String)> = sqlx::query_as(

@@ -3,6 +3,7 @@
 //! Reading order: [`Store`] (connections), [`folder`] (files and who else works on them), then one file a table.
 
 pub mod acquisitions;
+pub mod archives;
 pub mod backup;
 pub mod defects;
 pub mod deliveries;

@@ -4,6 +4,7 @@
 
 mod access;
 mod acquisitions;
+mod archives;
 mod contract;
 mod crash;
 mod frames;

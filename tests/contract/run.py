@@ -1,4 +1,5 @@
-"""Holds a running service against its contract with programs that are not ours: schemathesis and standardwebhooks.
+"""Holds a running service against its contract with programs that are not ours: schemathesis, standardwebhooks, tuspy and
+tus-js-client (Node finds it over NODE_PATH).
 
     python tests/contract/run.py target/debug/ropescope [--examples N] [--seed N]
 
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 
+import tus
 import webhook
 from seed import pins, seed
 from service import Service
@@ -100,6 +102,9 @@ def main():
         except Exception as error:
             trouble = repr(error)
         tally.check("an acquisition is uploaded, learnt and inspected", not trouble, trouble)
+        if "folder" in ids:
+            for check in tus.checks(service, ids["rope"], ids["folder"]):
+                tally.check(*check)
         if "spare_defect" in ids:
             for check in webhook.checks(service, ids["spare_defect"]):
                 tally.check(*check)
