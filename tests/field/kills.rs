@@ -1,9 +1,10 @@
 //! Service and client killed without warning at random moments.
 
 use crate::processes::{PROGRAM, Server, Uploader, free_port, token};
-use crate::recording::{assert_stored, get, recording, repeated_frames, write_frame};
+use crate::recording::{assert_stored, get, post, recording, repeated_frames, write_frame};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde_json::json;
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -59,6 +60,49 @@ fn what_a_killed_service_had_acknowledged_is_there_and_the_upload_goes_on() {
 #[ignore = "the full figures: takes minutes"]
 fn full_what_a_service_killed_50_times_had_acknowledged_is_there() {
     kill_the_service(50, 900);
+}
+
+/// Kills the service while it works on jobs; every job ends with one inspection.
+#[test]
+#[ignore = "the full figures: takes minutes"]
+fn full_no_job_is_lost_or_doubled_when_its_service_is_killed() {
+    const JOBS: usize = 10;
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let simulate = ["simulate", "--metres", "1", "--views", "1", "--seed", "3", "--out"];
+    let rope = source.path().join("rope");
+    assert!(Command::new(PROGRAM).args(simulate).arg(&rope).output().unwrap().status.success());
+    let token = token(data.path());
+    let port = free_port();
+    let mut server = Server::start(data.path(), port, &[]);
+    let uploaded = Uploader::start(&rope, &server.base, &token, &[]).report(WITHIN);
+    let job = json!({"kind": "inspect", "acquisition_id": uploaded["acquisition_id"]});
+    for number in 0..JOBS {
+        let id = post(&server.base, &token, "jobs", &job)["id"].as_str().unwrap().to_owned();
+        for _ in 0..2 {
+            std::thread::sleep(Duration::from_millis(rng.random_range(0..1500)));
+            server.kill();
+            server = Server::start(data.path(), port, &[]);
+        }
+        let begun = Instant::now();
+        let ended = loop {
+            let job = get(&server.base, &token, &format!("jobs/{id}"));
+            if !["queued", "running"].contains(&job["state"].as_str().unwrap()) {
+                break job;
+            }
+            assert!(begun.elapsed() < WITHIN, "{job}");
+            std::thread::sleep(Duration::from_millis(100));
+        };
+        assert_eq!(ended["state"], "succeeded", "{ended}");
+        let inspections = get(&server.base, &token, "inspections?limit=200")["items"].as_array().unwrap().len();
+        let folders = std::fs::read_dir(data.path().join("inspections")).unwrap().count();
+        assert_eq!(
+            (inspections, folders),
+            (number + 1, number + 1),
+            "one inspection a job, and no folder without owner"
+        );
+    }
+    assert_eq!(std::fs::read_dir(data.path().join("work")).unwrap().count(), 0);
 }
 
 fn kill_the_client(kills: usize, frames_a_view: usize) {

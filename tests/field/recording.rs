@@ -50,13 +50,23 @@ pub fn get(base: &str, token: &str, path: &str) -> Value {
 
 /// Asks a service for text.
 pub fn get_text(base: &str, token: &str, path: &str) -> String {
+    answered(token, |client| client.get(format!("{base}{path}")))
+}
+
+/// Posts JSON to a service and reads JSON.
+pub fn post(base: &str, token: &str, path: &str, body: &Value) -> Value {
+    let text = answered(token, |client| client.post(format!("{base}/api/v1/{path}")).json(body));
+    serde_json::from_str(&text).unwrap()
+}
+
+/// The body of a good answer.
+fn answered(token: &str, request: impl FnOnce(&reqwest::Client) -> reqwest::RequestBuilder) -> String {
     ropescope::tls::install();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let url = format!("{base}{path}");
     runtime.block_on(async {
         let client = reqwest::Client::builder().no_proxy().build().unwrap();
-        let answer = client.get(&url).bearer_auth(token).send().await.unwrap();
-        assert!(answer.status().is_success(), "{url}: {}", answer.status());
+        let answer = request(&client).bearer_auth(token).send().await.unwrap();
+        assert!(answer.status().is_success(), "{}: {}", answer.url(), answer.status());
         answer.text().await.unwrap()
     })
 }
