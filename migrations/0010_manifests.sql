@@ -14,7 +14,10 @@ create table announced_frame (
 alter table frame add column damaged_at_ms integer;      -- null while it is sound
 create index frame_by_sha256 on frame (sha256);          -- a frame that another acquisition holds is not sent again
 
--- Bytes of the frames that are there; kept with every frame, because summing a million of them a request is too slow.
+-- Frames that are there, and their bytes; kept with every frame, because counting a million of them a request is too slow.
+alter table view add column frames_present integer not null default 0;
+update view set frames_present =
+  (select count(*) from frame f where f.acquisition_id = view.acquisition_id and f.view = view.view);
 alter table acquisition add column frame_bytes integer not null default 0;
 update acquisition set frame_bytes = (select coalesce(sum(bytes), 0) from frame where acquisition_id = acquisition.id);
 

@@ -159,14 +159,10 @@ async fn load(connection: &mut SqliteConnection, id: Id) -> Result<Option<Acquis
 }
 
 async fn load_views(connection: &mut SqliteConnection, id: Id) -> Result<Vec<View>, StoreError> {
-    Ok(sqlx::query_as(
-        "select v.view, v.angle_deg, v.frames_expected,
-           (select count(*) from frame f where f.acquisition_id = v.acquisition_id and f.view = v.view) as frames_present
-         from view v where v.acquisition_id = $1 order by v.view",
-    )
-    .bind(id)
-    .fetch_all(connection)
-    .await?)
+    Ok(sqlx::query_as("select * from view where acquisition_id = $1 order by view")
+        .bind(id)
+        .fetch_all(connection)
+        .await?)
 }
 
 impl Store {

@@ -135,6 +135,11 @@ impl Store {
         .bind(frame.received_at_ms)
         .execute(&mut *tx)
         .await?;
+        sqlx::query("update view set frames_present = frames_present + 1 where acquisition_id = $1 and view = $2")
+            .bind(frame.acquisition_id)
+            .bind(frame.view)
+            .execute(&mut *tx)
+            .await?;
         sqlx::query("update acquisition set frame_bytes = frame_bytes + $2 where id = $1")
             .bind(frame.acquisition_id)
             .bind(frame.bytes)

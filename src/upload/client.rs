@@ -205,6 +205,21 @@ impl Client {
         body: bytes::Bytes,
     ) -> Result<Reply, ClientError> {
         let what = format!("{method} {path}");
+        let reply = self.send_unless(method, path, headers, body, async || false).await?;
+        reply.ok_or_else(|| ClientError::Answer { what, reason: "there is none".into() })
+    }
+
+    /// Like [`Self::send`], but asks `settled` before every further try: a request whose answer was lost need not be repeated.
+    /// `None`: it was settled so.
+    pub async fn send_unless(
+        &self,
+        method: Method,
+        path: &str,
+        headers: &[(&str, String)],
+        body: bytes::Bytes,
+        settled: impl AsyncFn() -> bool,
+    ) -> Result<Option<Reply>, ClientError> {
+        let what = format!("{method} {path}");
         let begun = Instant::now();
         let (mut tries, mut silence) = (0, self.silence);
         loop {
@@ -214,7 +229,7 @@ impl Client {
                 () = motion.rests(silence) => None,
             };
             let (last, asked, status) = match answer {
-                Some(Ok(Ok(reply))) => return Ok(reply),
+                Some(Ok(Ok(reply))) => return Ok(Some(reply)),
                 Some(Ok(Err(failure))) if !failure.temporary() => return Err(failure.refused(what)),
                 Some(Ok(Err(failure))) => (
                     format!("{}: {}", failure.status, failure.said()),
@@ -237,7 +252,22 @@ impl Client {
             (self.on_wait)(&last, wait);
             tracing::debug!(what, last, wait_s = wait.as_secs_f64(), "trying again");
             tokio::time::sleep(wait).await;
+            if settled().await {
+                return Ok(None);
+            }
         }
+    }
+
+    /// Posts JSON, once: `None` if that failed in whatever way.
+    pub async fn try_post(&self, path: &str, body: &Value) -> Option<Value> {
+        let headers = [("content-type", "application/json".to_owned())];
+        let motion = Motion::begin();
+        let body = bytes::Bytes::from(body.to_string());
+        let answer = tokio::select! {
+            answer = self.once(Method::POST, path, &headers, body, &motion) => answer.ok()?.ok()?,
+            () = motion.rests(self.silence) => return None,
+        };
+        serde_json::from_slice(&answer.body).ok()
     }
 
     async fn once(

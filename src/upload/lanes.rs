@@ -4,8 +4,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 
-/// Frames at the beginning: one cannot fill a link with delay.
-const FIRST: usize = 2;
+/// Frames at the beginning, and the fewest that failures leave: one lane cannot fill a link with delay, and while one hangs the others
+/// go on.
+const FIRST: usize = 4;
 /// A comparison of speeds needs so many frames a lane ..
 const FRAMES_A_LANE: usize = 2;
 /// .. and so much time.
@@ -24,6 +25,8 @@ struct State {
     /// Speed with one lane less, bytes a second; `None` after a change that says nothing.
     before: Option<f64>,
     rest: u32,
+    /// When a failure last took a lane.
+    failed: Option<Instant>,
 }
 
 /// The lanes of an upload. Cheap to clone.
@@ -49,6 +52,7 @@ impl Lanes {
             bytes: 0,
             before: None,
             rest: 0,
+            failed: None,
         };
         Self { most, state: Arc::new(Mutex::new(state)), freed: Arc::default() }
     }
@@ -87,12 +91,15 @@ impl Lanes {
         self.freed.notify_waiters();
     }
 
-    /// A request failed: the link has less room than thought.
+    /// A request failed: perhaps the link has less room than thought. A lane less, but only one for failures that come together: when
+    /// a link is cut, all lanes hear of it, and it has as much room as before when it is back.
     pub fn failed(&self) {
         let mut state = self.state();
-        state.allowed = (state.allowed / 2).max(1);
-        state.before = None;
-        state.begin_window();
+        if state.failed.is_none_or(|when| when.elapsed() >= WINDOW) {
+            state.allowed = (state.allowed - 1).max(FIRST.min(self.most));
+            state.failed = Some(Instant::now());
+            state.before = None;
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -154,18 +161,22 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_halves_the_lanes_and_one_remains() {
+    fn failures_that_come_together_cost_one_lane_and_some_always_remain() {
         let lanes = Lanes::new(8);
-        lanes.state().allowed = 7;
-        for expected in [3, 1, 1] {
-            lanes.failed();
+        lanes.state().allowed = 6;
+        for (at_once, expected) in [(5, 5), (1, 4), (3, 4)] {
+            (0..at_once).for_each(|_| lanes.failed());
             assert_eq!(lanes.allowed(), expected);
+            lanes.state().failed = Instant::now().checked_sub(WINDOW);
         }
+        let few = Lanes::new(2);
+        few.failed();
+        assert_eq!(few.allowed(), 2);
     }
 
     #[tokio::test]
     async fn no_more_frames_are_on_their_way_than_lanes_are_allowed() {
-        let lanes = Lanes::new(8);
+        let lanes = Lanes::new(2);
         let first = lanes.enter().await;
         let _second = lanes.enter().await;
         assert!(tokio::time::timeout(Duration::from_millis(50), lanes.enter()).await.is_err());

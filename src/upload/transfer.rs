@@ -108,6 +108,18 @@ struct Entry {
     digested: Digested,
 }
 
+impl Entry {
+    /// The frame as a manifest names it.
+    fn announcement(&self) -> Value {
+        let d = &self.digested;
+        json!({"view": self.view, "frame": self.number, "sha256": d.sha256, "bytes": d.bytes, "lines": d.lines})
+    }
+}
+
+fn manifest_path(acquisition_id: Uuid) -> String {
+    format!("/acquisitions/{acquisition_id}/manifest")
+}
+
 /// An upload that is under way.
 pub struct Transfer<F> {
     client: Client,
@@ -236,15 +248,8 @@ impl<F: Fn(&Tick)> Transfer<F> {
     /// Announces frames and returns those that have to be sent.
     async fn announce(&mut self, batch: &[(usize, usize, PlannedFrame)]) -> Result<Vec<Entry>, UploadError> {
         let mut entries = self.digests(batch).await?;
-        let frames: Vec<Value> = entries
-            .iter()
-            .map(|e| {
-                let d = &e.digested;
-                json!({"view": e.view, "frame": e.number, "sha256": d.sha256, "bytes": d.bytes, "lines": d.lines})
-            })
-            .collect();
-        let path = format!("/acquisitions/{}/manifest", self.acquisition_id);
-        let answer = self.client.post(&path, &json!({"frames": frames})).await?;
+        let frames: Vec<Value> = entries.iter().map(Entry::announcement).collect();
+        let answer = self.client.post(&manifest_path(self.acquisition_id), &json!({"frames": frames})).await?;
         let asked = answer["to_send"].as_array().map(Vec::as_slice).unwrap_or_default();
         let number = |value: &Value| value.as_u64().unwrap_or(u64::MAX) as usize;
         let asked: BTreeSet<(usize, usize)> = asked.iter().map(|f| (number(&f["view"]), number(&f["frame"]))).collect();
@@ -385,7 +390,13 @@ async fn send_frame(
     let headers = [("repr-digest", format!("sha-256=:{digest}:")), ("content-type", packed.content_type.to_owned())];
     let length = packed.bytes.len() as u64;
     let path = format!("/acquisitions/{acquisition_id}/views/{}/frames/{}", entry.view, entry.number);
-    match client.send(Method::PUT, &path, &headers, packed.bytes).await {
+    // A frame may have arrived although its answer was lost: asking costs less than sending it again.
+    let manifest = json!({"frames": [entry.announcement()]});
+    let arrived = async || {
+        let answer = client.try_post(&manifest_path(acquisition_id), &manifest).await;
+        answer.is_some_and(|answer| answer["to_send"].as_array().is_some_and(Vec::is_empty))
+    };
+    match client.send_unless(Method::PUT, &path, &headers, packed.bytes, arrived).await {
         Ok(_) => Ok(Some(length)),
         Err(error) if error.is_problem("superseded") => Ok(None),
         Err(error) => Err(error.into()),

@@ -110,10 +110,11 @@ def main():
                 tally.check(*check)
         else:
             tally.check("a defect to confirm was found", False, "webhooks could not be tried")
+        # A quota that the fuzzer sets would let every upload be refused, so it sets quotas of ropeways that do not exist only.
         # The token that fuzzes must not be revoked by the fuzzer: that operation comes last, with another token.
         revoke = "DELETE /api/v1/tokens/{id}"
         fuzz(tally, "resources that exist", service, service.token, pinned(ids),
-             [*bounded, "--exclude-method", "DELETE", "--phases", "examples,coverage,fuzzing", "--mode", "positive"])
+             [*bounded, "--exclude-method", "DELETE", "--exclude-path-regex", "/storage$", "--phases", "examples,coverage,fuzzing", "--mode", "positive"])
         fuzz(tally, "anything at all", service, service.token, "",
              [*bounded, "--exclude-name", revoke, "--exclude-path-regex", "(image|likelihood)[.]png$"])
         fuzz(tally, "revoking tokens", service, service.new_token("admin"), "", [*bounded, "--include-name", revoke])
