@@ -38,8 +38,8 @@ const SYNC_EVERY: u64 = 32 << 20;
 /// The routes of the protocol, below `/api/v1`.
 pub fn routes(app: &App) -> Router<App> {
     Router::new()
-        .route("/archives", post(create).options(options))
-        .route("/archives/{id}", axum::routing::head(offset).patch(receive).delete(terminate))
+        .route("/tus", post(create).options(options))
+        .route("/tus/{id}", axum::routing::head(offset).patch(receive).delete(terminate))
         .layer(from_fn(version))
         .layer(from_fn_with_state((app.clone(), UPLOADERS), authorise))
 }
@@ -117,7 +117,7 @@ async fn create(
         created_at_ms: now_ms,
     };
     app.store.begin_archive(&archive).await?;
-    let location = format!("/api/v1/archives/{}", archive.id);
+    let location = format!("/api/v1/tus/{}", archive.id);
     Ok((StatusCode::CREATED, [("location", location), expires(&archive)]).into_response())
 }
 

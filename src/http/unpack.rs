@@ -53,7 +53,7 @@ pub struct ArchiveState {
 
 /// What became of a recording that was sent as one file (tar or zip) over tus 1.0
 ///
-/// The file itself is sent with a tus client: creation is POST /api/v1/archives, with `rope_id` in Upload-Metadata.
+/// The file itself is sent with a tus client: creation is POST /api/v1/tus, with `rope_id` in Upload-Metadata.
 #[utoipa::path(get, path = "/archives/{id}", tag = "acquisitions", params(("id" = Uuid, Path, description = "The archive")),
     responses((status = 200, description = "Where it stands", body = ArchiveState), ReadProblems))]
 pub async fn get_archive(

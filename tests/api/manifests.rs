@@ -104,6 +104,7 @@ async fn a_manifest_beyond_the_quota_is_refused_with_figures_and_so_is_a_frame()
     let id = app.admin.acquisition(&rope, &[Some(3)]).await;
     let one = png(0).len();
     let path = format!("ropeways/{ropeway}/storage");
+    app.admin.call("PUT", &path, json!([null, null])).await.problem(400, "malformed-body");
     let quota = |bytes: Value| app.admin.call("PUT", &path, json!({ "quota_bytes": bytes }));
     quota(json!(one + 5)).await.ok(200);
     app.admin.put_frame(&id, 0, 0, png(0)).await.ok(201);

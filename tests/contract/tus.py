@@ -14,7 +14,7 @@ SCRIPT = pathlib.Path(__file__).with_name("tus_client.cjs")
 def with_node(service, rope, path):
     """Sends a file with tus-js-client (found over NODE_PATH), interrupted once; returns its address."""
     done = subprocess.run(
-        ["node", SCRIPT, f"{service.url}/api/v1/archives", service.token, rope, path], capture_output=True, text=True, timeout=120
+        ["node", SCRIPT, f"{service.url}/api/v1/tus", service.token, rope, path], capture_output=True, text=True, timeout=120
     )
     if done.returncode:
         raise RuntimeError(done.stderr[-2000:])
@@ -23,7 +23,7 @@ def with_node(service, rope, path):
 
 def with_python(service, rope, path):
     """Sends a file with tuspy, with checksums and interrupted once; returns its address."""
-    client = TusClient(f"{service.url}/api/v1/archives", headers={"Authorization": f"Bearer {service.token}"})
+    client = TusClient(f"{service.url}/api/v1/tus", headers={"Authorization": f"Bearer {service.token}"})
     chunk = path.stat().st_size // 7 + 1
     options = {"chunk_size": chunk, "upload_checksum": True, "metadata": {"filename": path.name, "rope_id": rope}}
     first = client.uploader(str(path), **options)
@@ -47,7 +47,7 @@ def checks(service, rope, folder):
     frames = len(list(folder.glob("view*/frame_*")))
     for name, send, path in [("tus-js-client", with_node, tar), ("tuspy", with_python, zipped)]:
         try:
-            place = send(service, rope, path).split("/api/v1", 1)[1]
+            place = send(service, rope, path).split("/api/v1", 1)[1].replace("/tus/", "/archives/")
             archive = service.want("GET", place)
             while archive["state"] == "unpacking":
                 time.sleep(0.2)

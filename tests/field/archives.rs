@@ -61,7 +61,7 @@ async fn an_archive_goes_on_where_the_killed_service_had_it_and_is_unpacked_afte
     let tus = Tus { client: reqwest::Client::builder().no_proxy().build().unwrap(), token: token.clone() };
     let rope = rope(&tus, &server.base).await;
     let begun = tus
-        .request("POST", &format!("{}/api/v1/archives", server.base))
+        .request("POST", &format!("{}/api/v1/tus", server.base))
         .header("upload-length", bytes.len())
         .header("upload-metadata", format!("rope_id {}", BASE64_STANDARD.encode(rope)));
     let begun = begun.send().await.unwrap();
@@ -100,7 +100,7 @@ async fn an_archive_goes_on_where_the_killed_service_had_it_and_is_unpacked_afte
     let settled = tokio::task::spawn_blocking(move || {
         let begun = Instant::now();
         loop {
-            let archive = get(&base, &token, place.strip_prefix("/api/v1/").unwrap());
+            let archive = get(&base, &token, &place.replace("/api/v1/tus/", "archives/"));
             if archive["state"] != "unpacking" {
                 return archive;
             }
