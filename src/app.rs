@@ -2,8 +2,11 @@
 
 use crate::clock::Clock;
 use crate::config::Settings;
+use crate::http::arrivals::Arrivals;
+use crate::http::receipts::Verifications;
 use crate::store::{Id, Store};
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 use tokio::sync::{Notify, Semaphore};
 use tokio_util::sync::CancellationToken;
 
@@ -26,6 +29,12 @@ pub struct App {
     pub cpu: Arc<Semaphore>,
     /// Permits to receive a frame.
     pub uploads: Arc<Semaphore>,
+    /// Frames that are arriving now.
+    pub arrivals: Arrivals,
+    /// Bytes on their way in that the disk does not know of yet.
+    pub promised_bytes: Arc<AtomicU64>,
+    /// Verifications that run for receipts.
+    pub verifications: Verifications,
     /// Cancelled when the process goes down.
     pub shutdown: CancellationToken,
 }
@@ -42,6 +51,9 @@ impl App {
             base_url: base_url.trim_end_matches('/').into(),
             jobs_wake: Arc::default(),
             outbox_wake: Arc::default(),
+            arrivals: Arrivals::default(),
+            promised_bytes: Arc::default(),
+            verifications: Verifications::default(),
             shutdown: CancellationToken::new(),
         }
     }

@@ -40,6 +40,8 @@ impl Settings {
 pub struct Limits {
     /// Longest frame file in bytes. 64 MiB holds 65,536 lines of 1,024 px uncompressed.
     pub frame_bytes: u64,
+    /// Bytes of the disk that uploads leave free, for jobs and the database.
+    pub reserve_bytes: u64,
     /// Longest JSON body in bytes.
     pub json_bytes: usize,
     /// Open connections.
@@ -64,6 +66,7 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             frame_bytes: 64 << 20,
+            reserve_bytes: 1_000_000_000,
             json_bytes: 256 << 10,
             connections: 512,
             requests: 256,

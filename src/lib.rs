@@ -11,6 +11,7 @@ pub mod evaluate; // results against truth
 pub mod http; // the API
 pub mod pipeline; // vision over a whole acquisition
 pub mod service; // all of that as one process
+pub mod signature; // documents that can be shown years later
 pub mod simulate; // ropes with known truth
 pub mod store; // SQLite and files
 pub mod ticketing; // one ticket per defect

@@ -100,7 +100,8 @@ async fn a_whole_folder_arrives_over_a_link_that_spoils_two_requests_of_five() {
     let client = client(&front, &token(&service, Role::Admin).await);
     let plan = Plan::read(source.path(), &Names::default()).unwrap();
     let ticks = Mutex::new(Vec::<Tick>::new());
-    let report = upload(&client, &plan, &Options::default(), |t| ticks.lock().unwrap().push(t)).await.unwrap();
+    let report =
+        upload(&client, &plan, &Options::default(), |t: &Tick| ticks.lock().unwrap().push(t.clone())).await.unwrap();
     assert_eq!((report.frames, report.sent_frames), (2 * FRAMES, 2 * FRAMES));
     let ticks = ticks.into_inner().unwrap();
     assert_eq!((ticks[0].held, ticks.last().unwrap().held), (0, 2 * FRAMES));
@@ -126,8 +127,8 @@ async fn a_second_run_sends_what_the_first_did_not() {
     // The first run dies after its third frame.
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
     let stop = Mutex::new(Some(stop));
-    let one_by_one = Options { connections: 1 };
-    let first = upload(&client, &plan, &one_by_one, |tick| {
+    let one_by_one = Options { connections: 1, ..Options::default() };
+    let first = upload(&client, &plan, &one_by_one, |tick: &Tick| {
         if tick.held == 3 {
             let _ = stop.lock().unwrap().take().map(|s| s.send(()));
         }

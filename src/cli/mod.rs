@@ -1,5 +1,6 @@
 //! Every command of `ropescope`, one file each.
 
+mod backup;
 mod demo;
 mod evaluate;
 mod given_contours;
@@ -9,7 +10,9 @@ mod inspect_report;
 mod logs;
 mod recording;
 mod results_out;
+mod retention;
 mod run_progress;
+mod scrub;
 mod serve;
 mod simulate;
 mod time_left;
@@ -17,6 +20,7 @@ mod token;
 mod train;
 mod upload;
 mod upload_progress;
+mod verify_receipt;
 mod worker;
 
 use clap::{Parser, Subcommand};
@@ -41,11 +45,16 @@ enum Command {
     Inspect(inspect::InspectArgs),
     Evaluate(evaluate::EvaluateArgs),
     Upload(upload::UploadArgs),
+    VerifyReceipt(verify_receipt::VerifyReceiptArgs),
+    Backup(backup::BackupArgs),
+    Restore(backup::RestoreArgs),
+    Scrub(scrub::ScrubArgs),
+    Retention(retention::RetentionArgs),
     Demo(demo::DemoArgs),
     Healthcheck(healthcheck::HealthcheckArgs),
 }
 
-/// Runs the command. Exit codes: 0 done, 1 failed, 2 wrong arguments (clap's), 130 stopped by Ctrl-C.
+/// Runs the command. Exit codes: 0 done, 1 failed, 2 wrong arguments (clap's), 130 stopped by Ctrl-C; `upload` has more.
 pub(crate) fn run() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Serve(args) => serve::run(args),
@@ -56,6 +65,11 @@ pub(crate) fn run() -> ExitCode {
         Command::Inspect(args) => inspect::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Upload(args) => upload::run(args),
+        Command::VerifyReceipt(args) => verify_receipt::run(&args),
+        Command::Backup(args) => backup::backup(&args),
+        Command::Restore(args) => backup::restore(&args),
+        Command::Scrub(args) => scrub::run(&args),
+        Command::Retention(args) => retention::run(&args),
         Command::Demo(args) => demo::run(args),
         Command::Healthcheck(args) => healthcheck::run(args),
     };
@@ -67,7 +81,7 @@ pub(crate) fn run() -> ExitCode {
         }
         Err(error) => {
             run_progress::say(&format!("ropescope: {}", in_one_line(&error)));
-            ExitCode::FAILURE
+            upload::exit_code(&error).map_or(ExitCode::FAILURE, ExitCode::from)
         }
     }
 }

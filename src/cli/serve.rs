@@ -1,7 +1,7 @@
 //! `ropescope serve`.
 
 use super::logs;
-use ropescope::config::Settings;
+use ropescope::config::{Limits, Settings};
 use ropescope::service::{self, Service};
 use std::io::Write;
 use std::net::SocketAddr;
@@ -25,13 +25,18 @@ pub(crate) struct ServeArgs {
     /// How the world reaches the service, for links in tickets
     #[arg(long, env = "ROPESCOPE_PUBLIC_URL", value_name = "URL")]
     public_url: Option<String>,
+    /// MB (10^6 bytes) of the disk that uploads leave free, for jobs and the database
+    #[arg(long, env = "ROPESCOPE_RESERVE_MB", default_value_t = 1000, value_name = "MB")]
+    reserve_mb: u32,
 }
 
 /// Runs the command.
 pub(crate) fn run(args: ServeArgs) -> anyhow::Result<()> {
     logs::start();
     ropescope::tls::install();
+    let limits = Limits { reserve_bytes: u64::from(args.reserve_mb) * 1_000_000, ..Limits::default() };
     let settings = Settings {
+        limits,
         listen: args.listen,
         workers: if args.no_workers { 0 } else { usize::from(args.workers) },
         public_url: args.public_url,

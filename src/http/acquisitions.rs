@@ -71,6 +71,11 @@ pub struct Acquisition {
     /// How many were announced; null until all views say so.
     #[schema(required)]
     frames_expected: Option<u64>,
+    /// Bytes of the frames that are there.
+    frame_bytes: i64,
+    /// When its frames were removed, because their time was over; null while they are there.
+    #[schema(required, format = DateTime)]
+    frames_removed_at: Option<String>,
     /// When it was created.
     #[schema(format = DateTime)]
     created_at: String,
@@ -142,13 +147,17 @@ pub struct AcquisitionFilter {
 pub struct MissingView {
     /// The view.
     view: u32,
-    /// Announced frames; null if nobody said how many.
+    /// Frames that the view shall have; null if nobody said how many.
     #[schema(required)]
     expected: Option<u32>,
     /// Frames that are there.
     present: u32,
     /// First and last number of each gap, at most 1000 gaps.
     missing: Vec<[u32; 2]>,
+    /// Rope metres of each gap; null where the manifest does not tell them.
+    missing_m: Vec<Option<[f64; 2]>>,
+    /// Frames whose files were found gone or changed since, at most 1000: send them again.
+    damaged: Vec<u32>,
 }
 
 /// What is missing in an acquisition.
@@ -199,6 +208,8 @@ impl From<acquisitions::Acquisition> for Acquisition {
                     frames_present: v.frames_present,
                 })
                 .collect(),
+            frame_bytes: a.row.frame_bytes,
+            frames_removed_at: a.row.frames_removed_at_ms.map(times::rfc3339),
             start_m: a.row.start_m,
             direction: Direction::Forward,
             acquired_at: a.row.acquired_at_ms.map(times::rfc3339),
@@ -215,12 +226,19 @@ page_of!(
 
 impl From<MissingFrames> for MissingView {
     fn from(m: MissingFrames) -> Self {
-        let missing = m.ranges.into_iter().map(|(first, last)| [first, last]).collect();
-        Self { view: m.view, expected: m.expected, present: m.present, missing }
+        Self {
+            view: m.view,
+            expected: m.expected,
+            present: m.present,
+            missing: m.ranges.into_iter().map(|(first, last)| [first, last]).collect(),
+            missing_m: m.ranges_m.into_iter().map(|range| range.map(|(from_m, to_m)| [from_m, to_m])).collect(),
+            damaged: m.damaged,
+        }
     }
 }
 
-fn check(rope: &ropes::Rope, new: &acquisitions::NewAcquisition) -> Result<(), Problem> {
+/// Refuses an acquisition that this rope cannot have.
+pub fn check(rope: &ropes::Rope, new: &acquisitions::NewAcquisition) -> Result<(), Problem> {
     match new.rope_file(&rope.design).validate() {
         Ok(_) => {}
         Err(AcquisitionError::OutOfRange { quantity, value, min, max }) => {
@@ -300,6 +318,18 @@ pub async fn get_acquisition(State(app): State<App>, Path(id): Path<Uuid>) -> Re
 /// The acquisition of a path.
 pub async fn load(app: &App, id: Uuid) -> Result<acquisitions::Acquisition, Problem> {
     app.store.acquisition(Id(id)).await?.ok_or_else(|| Problem::no("acquisition", id))
+}
+
+/// The acquisition of a path, if it still has its frames. Errors: 410 when retention removed them.
+pub async fn load_with_frames(app: &App, id: Uuid) -> Result<acquisitions::Acquisition, Problem> {
+    let acquisition = load(app, id).await?;
+    match acquisition.row.frames_removed_at_ms {
+        None => Ok(acquisition),
+        Some(ms) => Err(Problem::frames_removed(format!(
+            "the frames of acquisition {id} were removed on {}, after the time that its ropeway keeps them; results stay",
+            times::rfc3339(ms)
+        ))),
+    }
 }
 
 /// Acquisitions, newest first

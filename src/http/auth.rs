@@ -3,6 +3,7 @@
 use super::Problem;
 use crate::app::App;
 use crate::store::StoreError;
+use crate::store::digest::hex;
 use crate::store::tokens::{Role, Token};
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, header};
@@ -55,10 +56,6 @@ pub async fn issue(
     Ok((token, format!("rope_{id}_{secret}")))
 }
 
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
-
 fn digest(secret: &str) -> Vec<u8> {
     Sha256::digest(secret.as_bytes()).to_vec()
 }
@@ -85,22 +82,29 @@ pub async fn authenticate(app: &App, headers: &HeaderMap) -> Result<Caller, Prob
     Ok(Caller { token_id: row.id, name: row.name, role })
 }
 
+impl Caller {
+    /// Itself, if it has one of these roles. Errors: 403 with the roles that would do.
+    pub fn one_of(self, roles: Roles) -> Result<Self, Problem> {
+        if roles.contains(&self.role) {
+            return Ok(self);
+        }
+        let needed: Vec<_> = roles.iter().map(|r| r.name()).collect();
+        Err(Problem::forbidden(format!(
+            "the token has the role {}, but this needs one of: {}",
+            self.role.name(),
+            needed.join(", ")
+        ))
+        .limit(self.role.name(), needed))
+    }
+}
+
 /// Lets a request pass if its token has one of the roles of this group of routes.
 pub async fn authorise(
     State((app, roles)): State<(App, Roles)>,
     mut request: Request,
     next: Next,
 ) -> Result<Response, Problem> {
-    let caller = authenticate(&app, request.headers()).await?;
-    if !roles.contains(&caller.role) {
-        let needed: Vec<_> = roles.iter().map(|r| r.name()).collect();
-        return Err(Problem::forbidden(format!(
-            "the token has the role {}, but this needs one of: {}",
-            caller.role.name(),
-            needed.join(", ")
-        ))
-        .limit(caller.role.name(), needed));
-    }
+    let caller = authenticate(&app, request.headers()).await?.one_of(roles)?;
     request.extensions_mut().insert(caller);
     Ok(next.run(request).await)
 }

@@ -14,6 +14,10 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Json<T> {
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
         let axum::Json(mut value) = axum::Json::<Value>::from_request(request, state).await?;
+        if value.is_array() {
+            // serde takes a list for a struct, field by field; the contract does not.
+            return Err(Problem::malformed_body("the body is a list, but must be an object"));
+        }
         whole_numbers(&mut value);
         let bytes = serde_json::to_vec(&value).map_err(Problem::failure)?;
         let axum::Json(body) = axum::Json::<T>::from_bytes(&bytes)?; // says where in the body something is wrong

@@ -3,9 +3,9 @@
 use super::acquisitions::{self, MAX_FRAMES};
 use super::extract::Path;
 use super::problem::{ReadProblems, WriteProblems};
-use super::{Problem, times};
+use super::{Problem, auth, times};
 use crate::app::App;
-use crate::http::upload::{Arrived, receive};
+use crate::http::upload::{Arrived, Promise, receive};
 use crate::pipeline::source::{self, MAX_FRAME_LINES, MAX_FRAME_PIXELS, MAX_SENSOR_PX, SourceError};
 use crate::store::frames::{Frame as Row, FrameStored};
 use crate::store::{Id, acquisitions::Acquisition};
@@ -93,20 +93,25 @@ pub async fn put_frame(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let arrived = receive(&app, &headers, body, async || {
-        let acquisition = acquisitions::load(&app, id).await?;
+    let arrived = receive(&app, &headers, body, (id, view, frame), async || {
+        let acquisition = acquisitions::load_with_frames(&app, id).await?;
         place(&acquisition, view, frame)?;
         if acquisition.complete() && app.store.frame(Id(id), view, frame).await?.is_none() {
             return Err(complete(id));
         }
-        Ok(acquisition)
+        let announced = app.store.announced(Id(id), view, frame).await?;
+        let promise = announced
+            .map_or_else(Promise::default, |a| Promise { bytes: Some(a.bytes.unsigned_abs()), sha256: Some(a.sha256) });
+        Ok((acquisition, promise))
     })
     .await?;
+    // A slow link takes minutes: the token may have been revoked meanwhile.
+    auth::authenticate(&app, &headers).await?.one_of(auth::UPLOADERS)?;
     keep(&app, arrived, view, frame).await
 }
 
 /// Refuses view and frame numbers that the acquisition does not have.
-fn place(acquisition: &Acquisition, view: u32, frame: u32) -> Result<(), Problem> {
+pub fn place(acquisition: &Acquisition, view: u32, frame: u32) -> Result<(), Problem> {
     let id = acquisition.row.id;
     let Some(known) = acquisition.views.get(view as usize) else {
         let views = acquisition.views.len();
@@ -127,7 +132,8 @@ fn place(acquisition: &Acquisition, view: u32, frame: u32) -> Result<(), Problem
     Ok(())
 }
 
-fn complete(id: Uuid) -> Problem {
+/// The problem of an acquisition that takes no frames any more.
+pub fn complete(id: Uuid) -> Problem {
     Problem::acquisition_complete(format!("acquisition {id} is complete; nothing was changed"))
 }
 
@@ -136,7 +142,7 @@ async fn keep(app: &App, arrived: Arrived<Acquisition>, view: u32, frame: u32) -
     let id = acquisition.row.id;
     let address = format!("/api/v1/acquisitions/{id}/views/{view}/frames/{frame}");
     // Known bytes need no second check.
-    if let Some(old) = app.store.frame(id, view, frame).await? {
+    if let Some(old) = app.store.frame(id, view, frame).await?.filter(|old| old.damaged_at_ms.is_none()) {
         return if old.sha256 == arrived.sha256 {
             Ok(answer(StatusCode::OK, old, address))
         } else {
@@ -160,6 +166,7 @@ async fn keep(app: &App, arrived: Arrived<Acquisition>, view: u32, frame: u32) -
         lines,
         content_type: content_type.to_owned(),
         received_at_ms: app.now_ms(),
+        damaged_at_ms: None,
     };
     match app.store.keep_frame(arrived.file.path(), row).await? {
         FrameStored::New(row) => {
@@ -176,7 +183,7 @@ async fn keep(app: &App, arrived: Arrived<Acquisition>, view: u32, frame: u32) -
 
 /// Header first, then the whole image: a header that lies about its size costs no memory, a truncated file is found now and
 /// not by a job tomorrow.
-fn check(path: &FilePath, sensor_px: u32) -> Result<(u32, &'static str), SourceError> {
+pub fn check(path: &FilePath, sensor_px: u32) -> Result<(u32, &'static str), SourceError> {
     let from_png = png_header(path);
     let (width, lines) = match from_png {
         Some(size) => size,
@@ -202,7 +209,7 @@ fn png_header(path: &FilePath) -> Option<(u32, u32)> {
 }
 
 /// The problem of a frame that is none. Paths of ours stay with us.
-fn refused(error: SourceError, sensor_px: u32) -> Problem {
+pub fn refused(error: SourceError, sensor_px: u32) -> Problem {
     match error {
         SourceError::TooLarge { width, height, .. } => Problem::frame_too_large(format!(
             "the image is {width}x{height}, but a frame may have at most {MAX_SENSOR_PX} columns, {MAX_FRAME_LINES} lines and {MAX_FRAME_PIXELS} pixels"
@@ -271,7 +278,7 @@ pub async fn get_frame(
     Path((id, view, frame)): Path<(Uuid, u32, u32)>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let acquisition = acquisitions::load(&app, id).await?;
+    let acquisition = acquisitions::load_with_frames(&app, id).await?;
     place(&acquisition, view, frame)?;
     let row = app
         .store

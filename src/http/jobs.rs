@@ -1,6 +1,6 @@
 //! Jobs: ask, watch, cancel.
 
-use super::acquisitions::incomplete;
+use super::acquisitions::{self, incomplete};
 use super::extract::{Json, Path, Query};
 use super::pages::{PageQuery, page_of};
 use super::problem::{ReadProblems, WriteProblems};
@@ -258,6 +258,9 @@ fn unknown(field: &str, what: &str, id: Id) -> Problem {
 pub async fn create_job(State(app): State<App>, Json(body): Json<NewJob>) -> Result<Response, Problem> {
     let new = read(&app, body)?;
     let acquisition = new.acquisition_id;
+    if app.store.acquisition(acquisition).await?.is_some() {
+        acquisitions::load_with_frames(&app, acquisition.0).await?;
+    }
     let job = match app.store.enqueue(&new, app.now_ms()).await? {
         Enqueued::New(job) => {
             app.jobs_wake.notify_one();

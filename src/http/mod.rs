@@ -4,6 +4,8 @@
 //! one way requests are read, [`guard`] stands before every route, [`server`] accepts connections.
 
 pub mod acquisitions;
+mod archive_entries;
+pub mod arrivals;
 pub mod auth;
 pub mod buckets;
 pub mod defect_card;
@@ -20,23 +22,28 @@ pub mod jobs;
 pub mod lay_lengths;
 pub mod line_scores;
 pub mod lines;
+pub mod manifest;
 pub mod models;
 pub mod openapi;
 pub mod pages;
 pub mod picture;
 pub mod pictures;
 pub mod problem;
+pub mod receipts;
 pub mod rope_windows;
 pub mod ropes;
 pub mod ropeways;
 pub mod router;
 pub mod server;
+mod space;
 pub mod surface_alarms;
 pub mod tables;
 pub mod threshold_preview;
 pub mod thresholds;
 pub mod times;
 pub mod tokens;
+mod tus;
+pub mod unpack;
 mod upload;
 pub mod webhooks;
 

@@ -120,6 +120,9 @@ async fn picture(app: &App, request: PictureRequest, kind: Kind) -> Result<Respo
     if kind == Kind::Likelihood && inspection.model_id.is_none() {
         return Err(Problem::no_likelihood("the inspection was made without a model"));
     }
+    if kind == Kind::Image {
+        super::acquisitions::load_with_frames(app, inspection.acquisition_id.0).await?;
+    }
     let frames = app.store.frames(inspection.acquisition_id, view).await?;
     let lines: u64 = frames.iter().map(|f| u64::from(f.lines)).sum();
     let row = &acquisition.row;

@@ -73,6 +73,8 @@ kinds! {
     id_in_use: CONFLICT, "id-in-use", "The id belongs to a resource with other content";
     /// Another frame has this number.
     frame_differs: CONFLICT, "frame-differs", "Another frame has this number already";
+    /// Another request brings the frame.
+    superseded: CONFLICT, "superseded", "A newer request sends the same frame";
     /// The acquisition takes no more frames.
     acquisition_complete: CONFLICT, "acquisition-complete", "The acquisition is complete and takes no more frames";
     /// Frames are missing.
@@ -91,6 +93,18 @@ kinds! {
     threshold_moved: CONFLICT, "threshold-moved", "The model has another threshold by now";
     /// Nothing is sent to the endpoint.
     endpoint_disabled: CONFLICT, "endpoint-disabled", "The webhook endpoint is switched off";
+    /// The upload got no byte for too long.
+    upload_expired: GONE, "upload-expired", "The upload was not continued in time";
+    /// A chunk that does not continue the file.
+    wrong_offset: CONFLICT, "wrong-offset", "The chunk does not begin where the file ends";
+    /// The archive is being unpacked.
+    archive_unpacking: CONFLICT, "archive-unpacking", "The archive is being unpacked";
+    /// Not version 1.0.0 of tus.
+    wrong_tus_version: PRECONDITION_FAILED, "wrong-tus-version", "Only version 1.0.0 of tus is spoken";
+    /// Not an archive of an acquisition.
+    archive_refused: UNPROCESSABLE_ENTITY, "archive-refused", "The archive cannot be taken";
+    /// Retention took the frames.
+    frames_removed: GONE, "frames-removed", "The frames of the acquisition were removed";
     /// Too many bytes.
     body_too_large: PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large";
     /// Not a type that is taken.
@@ -119,6 +133,8 @@ kinds! {
     no_card: NOT_FOUND, "no-card", "There is no card of the defect";
     /// Our fault.
     internal: INTERNAL_SERVER_ERROR, "internal", "The service failed";
+    /// No room.
+    insufficient_storage: INSUFFICIENT_STORAGE, "insufficient-storage", "There is no room for this";
     /// Too much to do.
     busy: SERVICE_UNAVAILABLE, "busy", "The service is busy";
     /// Not ready.
@@ -127,7 +143,11 @@ kinds! {
 
 impl Problem {
     fn new(status: StatusCode, slug: &'static str, title: &'static str, detail: String) -> Self {
-        let retry_after_s = (status == StatusCode::SERVICE_UNAVAILABLE).then_some(2);
+        let retry_after_s = match status {
+            StatusCode::SERVICE_UNAVAILABLE => Some(2),
+            StatusCode::INSUFFICIENT_STORAGE => Some(10), // a person has to make room
+            _ => None,
+        };
         Self {
             kind: format!("/problems/{slug}"),
             title,
@@ -147,6 +167,17 @@ impl Problem {
     /// Adds the offending value and the limit that it broke.
     pub fn limit(self, value: impl Serialize, limit: impl Serialize) -> Self {
         self.with("value", value).with("limit", limit)
+    }
+
+    /// A chunk that is not what its checksum promised: a status of tus's own.
+    pub fn checksum_mismatch(detail: impl Into<String>) -> Self {
+        let status = StatusCode::from_u16(460).unwrap_or(StatusCode::BAD_REQUEST);
+        Self::new(status, "checksum-mismatch", "The chunk is not what its checksum promised", detail.into())
+    }
+
+    /// True when the same request may succeed later.
+    pub fn is_of_the_service(&self) -> bool {
+        self.status >= 500
     }
 
     /// A value of the body outside its interval.
@@ -170,6 +201,12 @@ impl Problem {
 
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
+        if error.disk_full() {
+            tracing::error!(%error, "the disk is full");
+            return Self::insufficient_storage(
+                "the disk of the service is full: free some of it, then send the same again",
+            );
+        }
         Self::failure(error)
     }
 }
@@ -211,27 +248,29 @@ fn problems(of: &[(&str, &str)]) -> BTreeMap<String, RefOr<ApiResponse>> {
         .collect()
 }
 
-const READ: [(&str, &str); 7] = [
+const READ: [(&str, &str); 8] = [
     ("400", "Path, query or header cannot be understood"),
     ("401", "No valid access token"),
     ("403", "The role of the token does not suffice"),
     ("404", "No such resource"),
+    ("410", "It was there and was removed"),
     ("408", "The request took too long to arrive"),
     ("500", "The service failed"),
     ("503", "The service is busy; see Retry-After"),
 ];
 
-const WRITE: [(&str, &str); 4] = [
+const WRITE: [(&str, &str); 5] = [
     ("409", "The request contradicts what is there"),
     ("413", "The body is too large"),
     ("415", "The body is of a type that is not taken"),
     ("422", "A value lies outside its interval or refers to nothing"),
+    ("507", "The disk or the quota of the ropeway has no room; see Retry-After"),
 ];
 
 impl IntoResponses for ReadProblems {
     fn responses() -> BTreeMap<String, RefOr<ApiResponse>> {
         let mut all = problems(&READ);
-        all.extend(problems(&WRITE[3..]));
+        all.extend(problems(&WRITE[3..4]));
         all
     }
 }

@@ -26,6 +26,12 @@ pub struct Ropeway {
     /// Where it stands.
     #[schema(required)]
     location: Option<String>,
+    /// Most bytes of frames of all its ropes; null: as the disk allows.
+    #[schema(required)]
+    quota_bytes: Option<i64>,
+    /// Days after which frames may be removed; null: never.
+    #[schema(required)]
+    keep_days: Option<u32>,
     /// When it was created.
     #[schema(format = DateTime)]
     created_at: String,
@@ -33,7 +39,14 @@ pub struct Ropeway {
 
 impl From<ropeways::Ropeway> for Ropeway {
     fn from(row: ropeways::Ropeway) -> Self {
-        Self { id: row.id.0, name: row.name, location: row.location, created_at: times::rfc3339(row.created_at_ms) }
+        Self {
+            id: row.id.0,
+            name: row.name,
+            location: row.location,
+            quota_bytes: row.quota_bytes,
+            keep_days: row.keep_days,
+            created_at: times::rfc3339(row.created_at_ms),
+        }
     }
 }
 
@@ -130,6 +143,42 @@ pub async fn put_ropeway(
     Json(body): Json<NewRopeway>,
 ) -> Result<Response, Problem> {
     create(&app, Some(id), body).await
+}
+
+/// How many frames of a ropeway are stored, and for how long.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Storage {
+    /// Most bytes of frames of all its ropes; null or left out: as the disk allows.
+    #[schema(minimum = 0, maximum = 1000000000000000_i64)]
+    quota_bytes: Option<u64>,
+    /// Days after which `ropescope retention` may remove frames; null or left out: never.
+    #[schema(minimum = 1, maximum = 36500)]
+    keep_days: Option<u32>,
+}
+
+/// Most bytes that can be said: a petabyte.
+const MAX_QUOTA_BYTES: u64 = 1_000_000_000_000_000;
+
+/// Longest time that can be said: a century.
+const MAX_KEEP_DAYS: u32 = 36_500;
+
+/// Say how many bytes the frames of a ropeway may take, and how long they are kept
+#[utoipa::path(put, path = "/ropeways/{id}/storage", tag = "ropes", params(("id" = Uuid, Path, description = "The ropeway")),
+    request_body = Storage, responses((status = 200, description = "The ropeway", body = Ropeway), WriteProblems))]
+pub async fn put_storage(
+    State(app): State<App>,
+    Path(id): Path<Uuid>,
+    Json(body): Json<Storage>,
+) -> Result<axum::Json<Ropeway>, Problem> {
+    if let Some(bytes) = body.quota_bytes.filter(|&bytes| bytes > MAX_QUOTA_BYTES) {
+        return Err(Problem::outside("quota_bytes", bytes as f64, 0.0, MAX_QUOTA_BYTES as f64));
+    }
+    if let Some(days) = body.keep_days.filter(|days| !(1..=MAX_KEEP_DAYS).contains(days)) {
+        return Err(Problem::outside("keep_days", f64::from(days), 1.0, f64::from(MAX_KEEP_DAYS)));
+    }
+    let row = app.store.set_storage(Id(id), body.quota_bytes.map(|bytes| bytes as i64), body.keep_days).await?;
+    Ok(axum::Json(row.ok_or_else(|| Problem::no("ropeway", id))?.into()))
 }
 
 /// A ropeway

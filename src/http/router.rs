@@ -3,8 +3,8 @@
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
 use super::{
     Problem, acquisitions, defect_card, defects, deliveries, frames, guard, health, history, inspections, job_events,
-    jobs, lay_lengths, line_scores, models, openapi, pictures, rope_windows, ropes, ropeways, surface_alarms,
-    threshold_preview, thresholds, tokens, webhooks,
+    jobs, lay_lengths, line_scores, manifest, models, openapi, pictures, receipts, rope_windows, ropes, ropeways,
+    surface_alarms, threshold_preview, thresholds, tokens, tus, unpack, webhooks,
 };
 use crate::app::App;
 use axum::Router;
@@ -38,7 +38,10 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(acquisitions::create_acquisition))
         .routes(routes!(acquisitions::put_acquisition))
         .routes(routes!(acquisitions::delete_acquisition))
-        .routes(routes!(acquisitions::complete_acquisition));
+        .routes(routes!(acquisitions::complete_acquisition))
+        .routes(routes!(manifest::post_manifest))
+        .routes(routes!(receipts::post_receipt))
+        .routes(routes!(unpack::get_archive));
     let uploads = OpenApiRouter::new().routes(routes!(frames::put_frame));
     let readers = OpenApiRouter::new()
         .routes(routes!(frames::get_frame))
@@ -51,6 +54,8 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(thresholds::list_thresholds))
         .routes(routes!(inspections::list_inspections))
         .routes(routes!(inspections::get_inspection))
+        .routes(routes!(receipts::get_certificate))
+        .routes(routes!(receipts::get_signing_key))
         .routes(routes!(lay_lengths::get_lay_lengths))
         .routes(routes!(line_scores::get_line_scores))
         .routes(routes!(surface_alarms::get_surface_alarms))
@@ -66,6 +71,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
     let operators = OpenApiRouter::new()
         .routes(routes!(ropeways::create_ropeway))
         .routes(routes!(ropeways::put_ropeway))
+        .routes(routes!(ropeways::put_storage))
         .routes(routes!(ropes::create_rope))
         .routes(routes!(ropes::put_rope))
         .routes(routes!(ropes::patch_ticketing))
@@ -120,6 +126,7 @@ pub fn router(app: &App) -> Router {
     let (routes, contract) = all(app);
     let routes = routes
         .merge(openapi::pages(contract))
+        .merge(Router::new().nest("/api/v1", tus::routes(app)))
         .layer(DefaultBodyLimit::max(app.settings.limits.json_bytes))
         .method_not_allowed_fallback(no_method)
         .fallback(no_route)

@@ -1,7 +1,11 @@
 //! Receives a body into a file: bounded, timed, hashed on the way.
 
 use super::Problem;
+use super::arrivals::{Arrival, FramePlace};
+use super::space::{self, Room};
 use crate::app::App;
+use crate::store::digest::hex;
+use crate::store::{Id, StoreError};
 use axum::body::{Body, BodyDataStream};
 use axum::http::{HeaderMap, header};
 use base64::Engine;
@@ -16,8 +20,19 @@ use tokio::io::AsyncWriteExt;
 const TYPES: [&str; 3] = ["image/png", "image/tiff", "application/octet-stream"];
 /// Bytes that are collected before they go to the disk.
 const BUFFER: usize = 256 << 10;
+/// Bytes after which the room on the disk is looked at again.
+const LOOK_EVERY: u64 = 1 << 20;
 /// How long an upload waits for its turn.
 const TURN: Duration = Duration::from_secs(20);
+
+/// What a client said of a frame before it sent it.
+#[derive(Debug, Clone, Default)]
+pub struct Promise {
+    /// Its length.
+    pub bytes: Option<u64>,
+    /// Its digest, lower-case hex.
+    pub sha256: Option<String>,
+}
 
 /// A body that arrived whole.
 pub struct Arrived<T> {
@@ -31,41 +46,53 @@ pub struct Arrived<T> {
     pub context: T,
 }
 
-/// Receives a body. `check` runs before the first byte is taken. A refused body is read to its end (within bounds) and thrown
-/// away, for a client that still sends often cannot hear the answer.
+/// Receives the body of a frame. `check` runs before the first byte is taken. A refused body is read to its end (within bounds)
+/// and thrown away, for a client that still sends often cannot hear the answer.
 pub async fn receive<T>(
     app: &App,
     headers: &HeaderMap,
     body: Body,
-    check: impl AsyncFnOnce() -> Result<T, Problem>,
+    place: FramePlace,
+    check: impl AsyncFnOnce() -> Result<(T, Promise), Problem>,
 ) -> Result<Arrived<T>, Problem> {
     let limits = app.settings.limits;
+    let arrival = app.arrivals.begin(place);
     let mut stream = body.into_data_stream();
     let checked = async {
-        let context = check().await?;
-        let digest = expected_digest(headers)?;
+        let (context, promise) = check().await?;
+        let digest = expected_digest(headers)?.map(|digest| hex(&digest));
         check_type(headers)?;
-        let length = headers.get(header::CONTENT_LENGTH).and_then(|v| v.to_str().ok()).and_then(|v| v.parse().ok());
-        if let Some(length) = length.filter(|&length: &u64| length > limits.frame_bytes) {
-            return Err(too_large(length, limits.frame_bytes));
+        if let (Some(sent), Some(announced)) = (&digest, &promise.sha256)
+            && sent != announced
+        {
+            return Err(not_as_announced(sent, announced));
         }
+        let limit = promise.bytes.unwrap_or(limits.frame_bytes).min(limits.frame_bytes);
+        let length = headers.get(header::CONTENT_LENGTH).and_then(|v| v.to_str().ok()).and_then(|v| v.parse().ok());
+        if let Some(length) = length.filter(|&length: &u64| length > limit) {
+            return Err(too_large(length, limit));
+        }
+        let room = Room::take(app, Id(place.0), length.or(promise.bytes).unwrap_or(0)).await?;
         let permit = tokio::time::timeout(TURN, app.uploads.clone().acquire_owned()).await;
         let permit = permit
             .map_err(|_| Problem::busy(format!("{} frames are being received already", limits.uploads)))?
             .map_err(Problem::failure)?;
-        Ok((context, digest, permit))
+        Ok((context, digest.or(promise.sha256), limit, room, permit))
     };
-    let (context, digest, _permit) = match checked.await {
+    let (context, digest, limit, room, _permit) = match checked.await {
         Ok(checked) => checked,
         Err(problem) => return Err(refuse(problem, &mut stream, limits.frame_bytes).await),
     };
     let folder = app.store.folder().uploads();
     let file = tokio::task::spawn_blocking(move || NamedTempFile::new_in(folder));
-    let file = file.await.map_err(Problem::failure)?.map_err(Problem::failure)?;
+    let file = file.await.map_err(Problem::failure)?.map_err(|e| not_written(app, e))?;
     let writer = tokio::fs::File::from_std(file.as_file().try_clone().map_err(Problem::failure)?);
-    let received =
-        tokio::time::timeout(limits.upload_timeout, pour(&mut stream, writer, limits.frame_bytes, limits.body_gap));
-    let received = received.await.unwrap_or_else(|_| {
+    let pour = pour(app, &mut stream, writer, limit, room, &arrival);
+    let received = tokio::select! {
+        received = tokio::time::timeout(limits.upload_timeout, pour) => received,
+        () = arrival.ended() => return Err(Problem::superseded("a newer request sends the same frame, and this one was silent")),
+    };
+    let received = received.unwrap_or_else(|_| {
         Err(Problem::too_slow(format!("the body took longer than {} s", limits.upload_timeout.as_secs())))
     });
     let (sha256, bytes) = match received {
@@ -73,24 +100,25 @@ pub async fn receive<T>(
         Err(problem) => return Err(refuse(problem, &mut stream, limits.frame_bytes).await),
     };
     if let Some(expected) = digest
-        && expected != sha256[..]
+        && expected != sha256
     {
         return Err(Problem::digest_mismatch(format!(
-            "the header promised sha-256 {}, but the {bytes} bytes that arrived have {}",
-            hex(&expected),
-            hex(&sha256)
+            "sha-256 {expected} was promised, but the {bytes} bytes that arrived have {sha256}"
         ))
-        .limit(hex(&sha256), hex(&expected)));
+        .limit(sha256, expected));
     }
-    Ok(Arrived { file, sha256: hex(&sha256), bytes, context })
+    Ok(Arrived { file, sha256, bytes, context })
 }
 
 async fn pour(
+    app: &App,
     stream: &mut BodyDataStream,
     file: tokio::fs::File,
     limit: u64,
-    gap: Duration,
-) -> Result<(Vec<u8>, u64), Problem> {
+    mut room: Room,
+    arrival: &Arrival,
+) -> Result<(String, u64), Problem> {
+    let gap = app.settings.limits.body_gap;
     let mut writer = tokio::io::BufWriter::with_capacity(BUFFER, file);
     let mut hash = Sha256::new();
     let mut bytes = 0_u64;
@@ -105,14 +133,19 @@ async fn pour(
             return Err(too_large(bytes, limit));
         }
         hash.update(&chunk);
-        writer.write_all(&chunk).await.map_err(Problem::failure)?;
+        writer.write_all(&chunk).await.map_err(|e| not_written(app, e))?;
+        room.arrived(chunk.len() as u64);
+        arrival.lives();
+        if bytes / LOOK_EVERY != (bytes - chunk.len() as u64) / LOOK_EVERY {
+            space::fits_on_disk(app, 0)?;
+        }
     }
-    writer.flush().await.map_err(Problem::failure)?;
-    Ok((hash.finalize().to_vec(), bytes))
+    writer.flush().await.map_err(|e| not_written(app, e))?;
+    Ok((hex(&hash.finalize()), bytes))
 }
 
 /// Lets a refused client finish sending, so that it reads the answer; but no more than another body's worth.
-async fn refuse(problem: Problem, stream: &mut BodyDataStream, limit: u64) -> Problem {
+pub async fn refuse(problem: Problem, stream: &mut BodyDataStream, limit: u64) -> Problem {
     let drain = async {
         let mut left = limit * 2;
         while let Some(Ok(chunk)) = stream.next().await {
@@ -126,8 +159,17 @@ async fn refuse(problem: Problem, stream: &mut BodyDataStream, limit: u64) -> Pr
     problem
 }
 
+fn not_written(app: &App, source: std::io::Error) -> Problem {
+    StoreError::File { path: app.store.folder().uploads(), source }.into()
+}
+
+fn not_as_announced(sent: &str, announced: &str) -> Problem {
+    Problem::digest_mismatch(format!("sha-256 {announced} was announced for this frame, but {sent} is sent"))
+        .limit(sent, announced)
+}
+
 fn too_large(bytes: u64, limit: u64) -> Problem {
-    Problem::body_too_large(format!("the body has {bytes} bytes or more, but a frame may have at most {limit}"))
+    Problem::body_too_large(format!("the body has {bytes} bytes or more, but this frame may have at most {limit}"))
         .limit(bytes, limit)
 }
 
@@ -166,10 +208,6 @@ fn parse_digest(value: &str) -> Option<Vec<u8>> {
 fn malformed(name: &str, text: &str) -> Problem {
     Problem::malformed_header(format!("{name} is {text:?}, but must read sha-256=:<base64 of 32 bytes>:"))
         .with("header", name)
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
 #[cfg(test)]

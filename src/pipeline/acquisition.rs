@@ -3,6 +3,7 @@
 use super::source::{FrameFiles, MAX_SENSOR_PX};
 use crate::vision::rope::{Rope, RopeDesign, RopeDesignError};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Most views of an acquisition.
@@ -188,14 +189,18 @@ impl RopeFile {
     }
 }
 
+/// Endings of frame files that the pipeline reads.
+const EXTENSIONS: [&str; 3] = ["png", "tif", "tiff"];
+
 /// The frames of a folder in order, `frame_000000.png` and so on. Errors: a view without frames, a gap in the numbers.
 pub fn frame_paths(folder: &Path, file: &RopeFile) -> Result<Vec<Vec<PathBuf>>, AcquisitionError> {
-    file.views.iter().map(|view| view_frames(&folder.join(&view.folder))).collect()
+    file.views.iter().map(|view| view_frames(&folder.join(&view.folder), &EXTENSIONS)).collect()
 }
 
-fn view_frames(folder: &Path) -> Result<Vec<PathBuf>, AcquisitionError> {
+/// The frames of one view by number, as far as they are there.
+pub fn numbered_frames(folder: &Path, extensions: &[&str]) -> Result<BTreeMap<usize, PathBuf>, AcquisitionError> {
     let read = |source| AcquisitionError::Read { path: folder.into(), source };
-    let mut numbered = std::collections::BTreeMap::new();
+    let mut numbered = BTreeMap::new();
     for entry in std::fs::read_dir(folder).map_err(read)? {
         let path = entry.map_err(read)?.path();
         let number = path
@@ -203,11 +208,17 @@ fn view_frames(folder: &Path) -> Result<Vec<PathBuf>, AcquisitionError> {
             .and_then(|s| s.to_str())
             .and_then(|s| s.strip_prefix("frame_"))
             .and_then(|s| s.parse::<usize>().ok());
-        let image = path.extension().and_then(|e| e.to_str()).is_some_and(|e| matches!(e, "png" | "tif" | "tiff"));
+        let image = path.extension().and_then(|e| e.to_str()).is_some_and(|e| extensions.contains(&e));
         if let (Some(number), true) = (number, image) {
             numbered.insert(number, path);
         }
     }
+    Ok(numbered)
+}
+
+/// The frames of one view in order. Errors: none, or a gap in the numbers.
+pub fn view_frames(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>, AcquisitionError> {
+    let numbered = numbered_frames(folder, extensions)?;
     if numbered.is_empty() {
         return Err(AcquisitionError::NoFrames { path: folder.into() });
     }

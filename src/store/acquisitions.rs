@@ -1,5 +1,6 @@
 //! Acquisitions: what was announced, what is there, what is missing.
 
+use super::manifest::first_lines;
 use super::{Created, Id, Page, PageRequest, Store, StoreError, folder};
 use sqlx::SqliteConnection;
 
@@ -29,6 +30,10 @@ pub struct AcquisitionRow {
     pub state: String,
     /// When it was created, ms since 1970.
     pub created_at_ms: i64,
+    /// Bytes of the frames that are there.
+    pub frame_bytes: i64,
+    /// When its frames were removed, ms since 1970; `None` while they are there.
+    pub frames_removed_at_ms: Option<i64>,
 }
 
 /// A view of an acquisition.
@@ -92,12 +97,16 @@ pub struct MissingFrames {
     pub present: u32,
     /// First and last frame of each gap, at most [`MAX_MISSING_RANGES`].
     pub ranges: Vec<(u32, u32)>,
+    /// Rope metres of each gap; `None` where the lines of a frame before its end were never announced.
+    pub ranges_m: Vec<Option<(f64, f64)>>,
+    /// Frames whose files were found gone or changed, at most [`MAX_MISSING_RANGES`]: to be sent again.
+    pub damaged: Vec<u32>,
 }
 
 impl MissingFrames {
-    /// True when the view has all frames that were announced.
+    /// True when the view has all frames that were announced, and none is damaged.
     pub fn whole(&self) -> bool {
-        self.expected == Some(self.present) && self.ranges.is_empty()
+        self.expected == Some(self.present) && self.ranges.is_empty() && self.damaged.is_empty()
     }
 }
 
@@ -150,14 +159,10 @@ async fn load(connection: &mut SqliteConnection, id: Id) -> Result<Option<Acquis
 }
 
 async fn load_views(connection: &mut SqliteConnection, id: Id) -> Result<Vec<View>, StoreError> {
-    Ok(sqlx::query_as(
-        "select v.view, v.angle_deg, v.frames_expected,
-           (select count(*) from frame f where f.acquisition_id = v.acquisition_id and f.view = v.view) as frames_present
-         from view v where v.acquisition_id = $1 order by v.view",
-    )
-    .bind(id)
-    .fetch_all(connection)
-    .await?)
+    Ok(sqlx::query_as("select * from view where acquisition_id = $1 order by view")
+        .bind(id)
+        .fetch_all(connection)
+        .await?)
 }
 
 impl Store {
@@ -178,8 +183,10 @@ impl Store {
                 && row.acquired_at_ms == new.acquired_at_ms
                 && old.views.len() == new.views.len()
                 && old.views.iter().zip(&new.views).all(|(old, (angle_deg, frames))| {
-                    // A number that only became known at completion is no contradiction.
-                    old.angle_deg == *angle_deg && (frames.is_none() || old.frames_expected == *frames)
+                    // A number that becomes known later, at the latest at completion, is no contradiction.
+                    let frames_agree =
+                        frames.is_none() || old.frames_expected.is_none() || old.frames_expected == *frames;
+                    old.angle_deg == *angle_deg && frames_agree
                 });
             return Ok(if same { Created::Same(old) } else { Created::Different });
         }
@@ -240,7 +247,7 @@ impl Store {
     pub async fn missing(&self, id: Id) -> Result<Option<Vec<MissingFrames>>, StoreError> {
         let mut connection = self.reader().acquire().await?;
         match load(&mut connection, id).await? {
-            Some(acquisition) => Ok(Some(missing(&mut connection, id, &acquisition.views).await?)),
+            Some(acquisition) => Ok(Some(missing(&mut connection, &acquisition.row, &acquisition.views).await?)),
             None => Ok(None),
         }
     }
@@ -263,7 +270,7 @@ impl Store {
                 view.frames_expected = Some(frames);
             }
         }
-        let missing = missing(&mut tx, id, &views).await?;
+        let missing = missing(&mut tx, &acquisition.row, &views).await?;
         if let Some(view) = missing.iter().find(|v| v.expected.is_some_and(|expected| v.present > expected)) {
             let frames = view.expected.unwrap_or_default();
             return Ok(Completion::Contradiction { view: view.view, frames, known: view.present });
@@ -306,20 +313,43 @@ impl Store {
     }
 }
 
-async fn missing(connection: &mut SqliteConnection, id: Id, views: &[View]) -> Result<Vec<MissingFrames>, StoreError> {
+async fn missing(
+    connection: &mut SqliteConnection,
+    acquisition: &AcquisitionRow,
+    views: &[View],
+) -> Result<Vec<MissingFrames>, StoreError> {
+    let id = acquisition.id;
+    let position_m = |line: u64| acquisition.start_m + line as f64 * acquisition.line_pitch_mm / 1000.0;
     let mut all = Vec::with_capacity(views.len());
     for view in views {
-        let present: Vec<u32> =
-            sqlx::query_scalar("select frame from frame where acquisition_id = $1 and view = $2 order by frame")
+        let frames: Vec<(u32, bool)> = sqlx::query_as(
+            "select frame, damaged_at_ms is not null from frame where acquisition_id = $1 and view = $2 order by frame",
+        )
+        .bind(id)
+        .bind(view.view)
+        .fetch_all(&mut *connection)
+        .await?;
+        let announced: Option<u32> =
+            sqlx::query_scalar("select max(frame) + 1 from announced_frame where acquisition_id = $1 and view = $2")
                 .bind(id)
                 .bind(view.view)
-                .fetch_all(&mut *connection)
+                .fetch_one(&mut *connection)
                 .await?;
+        let present: Vec<u32> = frames.iter().map(|(frame, _)| *frame).collect();
+        let damaged = frames.iter().filter(|(_, damaged)| *damaged).map(|(frame, _)| *frame);
+        // A manifest may still grow: it tells gaps, not how many frames there will be.
+        let ranges = gaps(&present, view.frames_expected.or(announced));
+        let first_lines = if ranges.is_empty() { vec![] } else { first_lines(connection, id, view.view).await? };
+        let metres = |&(first, last): &(u32, u32)| {
+            Some((position_m(*first_lines.get(first as usize)?), position_m(*first_lines.get(last as usize + 1)?)))
+        };
         all.push(MissingFrames {
             view: view.view,
             expected: view.frames_expected,
             present: present.len() as u32,
-            ranges: gaps(&present, view.frames_expected),
+            ranges_m: ranges.iter().map(metres).collect(),
+            ranges,
+            damaged: damaged.take(MAX_MISSING_RANGES).collect(),
         });
     }
     Ok(all)

@@ -6,8 +6,10 @@
 //! models/<model>                                    appearance models
 //! inspections/<inspection>/                         results folders
 //! uploads/                                          frames on their way in
+//! archives/<archive>                                whole recordings on their way in
 //! work/                                             results on their way out
 //! instances/<instance>                              one locked file a living process
+//! signing-key.pk8                                   secret key of receipts
 //! ```
 
 use super::{Id, StoreError};
@@ -39,7 +41,9 @@ impl DataFolder {
     /// Opens the folder and makes what is missing in it.
     pub(super) fn open(path: &Path) -> Result<Self, StoreError> {
         let folder = Self(path.into());
-        for part in [folder.frames(), folder.models(), folder.inspections(), folder.uploads(), folder.work()] {
+        for part in
+            [folder.frames(), folder.models(), folder.inspections(), folder.uploads(), folder.archives(), folder.work()]
+        {
             make_folder(&part)?;
         }
         make_folder(&folder.instances())?;
@@ -68,9 +72,24 @@ impl DataFolder {
         self.0.join("uploads")
     }
 
+    /// Where archives are written until they are unpacked.
+    pub(super) fn archives(&self) -> PathBuf {
+        self.0.join("archives")
+    }
+
     /// Where workers write before their results are accepted.
     pub fn work(&self) -> PathBuf {
         self.0.join("work")
+    }
+
+    /// The secret key that signs receipts.
+    pub(super) fn signing_key(&self) -> PathBuf {
+        self.0.join("signing-key.pk8")
+    }
+
+    /// Bytes that the disk still has for this process.
+    pub fn free_bytes(&self) -> Result<u64, StoreError> {
+        fs4::available_space(&*self.0).map_err(|source| StoreError::File { path: self.0.to_path_buf(), source })
     }
 
     fn instances(&self) -> PathBuf {
@@ -181,6 +200,11 @@ pub fn remove(path: &Path) -> Result<(), StoreError> {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(StoreError::File { path: path.into(), source: e }),
         _ => Ok(()),
     }
+}
+
+/// Length of a file.
+pub fn length(path: &Path) -> Result<u64, StoreError> {
+    fs::metadata(path).map(|m| m.len()).map_err(|source| StoreError::File { path: path.into(), source })
 }
 
 /// Makes the names in a folder durable.

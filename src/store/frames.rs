@@ -24,12 +24,14 @@ pub struct Frame {
     pub content_type: String,
     /// When it was acknowledged, ms since 1970.
     pub received_at_ms: i64,
+    /// When its file was found gone or changed, ms since 1970; `None` while it is sound.
+    pub damaged_at_ms: Option<i64>,
 }
 
 /// What came of a frame that was sent.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FrameStored {
-    /// It is new and durable.
+    /// It is new, or sound again after it was damaged, and durable.
     New(Frame),
     /// The same bytes were there already.
     Same(Frame),
@@ -109,7 +111,23 @@ impl Store {
                 .fetch_optional(&mut *tx)
                 .await?;
         if let Some(old) = old {
-            return Ok(if old.sha256 == frame.sha256 { FrameStored::Same(old) } else { FrameStored::Different(old) });
+            if old.sha256 != frame.sha256 {
+                return Ok(FrameStored::Different(old));
+            }
+            if old.damaged_at_ms.is_none() {
+                return Ok(FrameStored::Same(old));
+            }
+            sqlx::query(
+                "update frame set damaged_at_ms = null, received_at_ms = $4 where acquisition_id = $1 and view = $2 and frame = $3",
+            )
+            .bind(frame.acquisition_id)
+            .bind(frame.view)
+            .bind(frame.frame)
+            .bind(frame.received_at_ms)
+            .execute(&mut *tx)
+            .await?;
+            tx.commit().await?;
+            return Ok(FrameStored::New(frame));
         }
         if state != "open" {
             return Ok(FrameStored::Complete);
@@ -131,6 +149,16 @@ impl Store {
         .bind(frame.received_at_ms)
         .execute(&mut *tx)
         .await?;
+        sqlx::query("update view set frames_present = frames_present + 1 where acquisition_id = $1 and view = $2")
+            .bind(frame.acquisition_id)
+            .bind(frame.view)
+            .execute(&mut *tx)
+            .await?;
+        sqlx::query("update acquisition set frame_bytes = frame_bytes + $2 where id = $1")
+            .bind(frame.acquisition_id)
+            .bind(frame.bytes)
+            .execute(&mut *tx)
+            .await?;
         tx.commit().await?;
         Ok(FrameStored::New(frame))
     }
@@ -139,15 +167,23 @@ impl Store {
     /// works on the folder, results without a row. Returns how many files and folders went.
     pub async fn sweep(&self, alone: bool) -> Result<usize, StoreError> {
         let mut orphans = folder::entries(&self.folder().uploads())?;
+        let archives: Vec<String> =
+            sqlx::query_scalar("select id from archive where state in ('receiving', 'unpacking')")
+                .fetch_all(self.reader())
+                .await?;
+        let without_row = |path: &std::path::PathBuf| !archives.iter().any(|id| path.ends_with(id));
+        orphans.extend(folder::entries(&self.folder().archives())?.into_iter().filter(without_row));
         for acquisition in folder::entries(&self.folder().frames())? {
             let name = acquisition.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_owned();
-            let known: std::collections::HashSet<(u32, u32, String)> =
-                sqlx::query_as("select view, frame, sha256 from frame where acquisition_id = $1")
-                    .bind(&name)
-                    .fetch_all(self.reader())
-                    .await?
-                    .into_iter()
-                    .collect();
+            let known: std::collections::HashSet<(u32, u32, String)> = sqlx::query_as(
+                "select f.view, f.frame, f.sha256 from frame f join acquisition a on a.id = f.acquisition_id
+                     where a.id = $1 and a.frames_removed_at_ms is null",
+            )
+            .bind(&name)
+            .fetch_all(self.reader())
+            .await?
+            .into_iter()
+            .collect();
             for view in folder::entries(&acquisition)? {
                 for file in folder::entries(&view)? {
                     if !frame_of(&file).is_some_and(|key| known.contains(&key)) {

@@ -3,8 +3,11 @@
 //! Reading order: [`Store`] (connections), [`folder`] (files and who else works on them), then one file a table.
 
 pub mod acquisitions;
+pub mod archives;
+pub mod backup;
 pub mod defects;
 pub mod deliveries;
+pub mod digest;
 pub mod folder;
 pub mod frames;
 mod id;
@@ -12,14 +15,18 @@ pub mod inspections;
 pub mod jobs;
 pub mod lay_lengths;
 pub mod leases;
+pub mod manifest;
 pub mod model_thresholds;
 pub mod models;
 pub mod outbox;
+pub mod receipts;
+pub mod retention;
 mod rope_file;
 pub mod rope_windows;
 pub mod ropes;
 pub mod ropeways;
 pub mod tokens;
+pub mod verification;
 pub mod webhook_endpoints;
 
 pub use folder::DataFolder;
@@ -72,6 +79,20 @@ pub enum StoreError {
         /// What stands there, or what is wrong with it.
         value: String,
     },
+}
+
+impl StoreError {
+    /// True when the disk has no room.
+    pub fn disk_full(&self) -> bool {
+        const SQLITE_FULL: &str = "13";
+        match self {
+            Self::File { source, .. } => {
+                matches!(source.kind(), std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded)
+            }
+            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| code == SQLITE_FULL),
+            _ => false,
+        }
+    }
 }
 
 /// What came of creating something under an id that the client may have used before.

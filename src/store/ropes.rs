@@ -77,6 +77,14 @@ pub struct NewRope {
 }
 
 impl Store {
+    /// Names of a rope and of its ropeway.
+    pub async fn names_of(&self, rope: Id) -> Result<(String, String), StoreError> {
+        Ok(sqlx::query_as("select r.name, w.name from rope r join ropeway w on w.id = r.ropeway_id where r.id = $1")
+            .bind(rope)
+            .fetch_one(self.reader())
+            .await?)
+    }
+
     /// Creates a rope, or finds the one that the same call created before. The ropeway must exist.
     pub async fn create_rope(&self, new: &NewRope, now_ms: i64) -> Result<Created<Rope>, StoreError> {
         let mut tx = self.write().await?;

@@ -15,6 +15,10 @@ pub struct Ropeway {
     pub location: Option<String>,
     /// When it was created, ms since 1970.
     pub created_at_ms: i64,
+    /// Most bytes of frames of all its ropes; `None`: as the disk allows.
+    pub quota_bytes: Option<i64>,
+    /// Days after which frames may be removed; `None`: never.
+    pub keep_days: Option<u32>,
 }
 
 impl Store {
@@ -49,6 +53,21 @@ impl Store {
     /// A ropeway.
     pub async fn ropeway(&self, id: Id) -> Result<Option<Ropeway>, StoreError> {
         Ok(sqlx::query_as("select * from ropeway where id = $1").bind(id).fetch_optional(self.reader()).await?)
+    }
+
+    /// Says how many bytes the frames of a ropeway may take, and how long they are kept. `None` if there is no such ropeway.
+    pub async fn set_storage(
+        &self,
+        id: Id,
+        quota_bytes: Option<i64>,
+        keep_days: Option<u32>,
+    ) -> Result<Option<Ropeway>, StoreError> {
+        Ok(sqlx::query_as("update ropeway set quota_bytes = $2, keep_days = $3 where id = $1 returning *")
+            .bind(id)
+            .bind(quota_bytes)
+            .bind(keep_days)
+            .fetch_optional(self.writer())
+            .await?)
     }
 
     /// All ropeways, page by page.

@@ -1,5 +1,6 @@
 //! HTTP to a service, over links that come and go: what can be repeated is repeated until it works or patience ends.
 
+use super::pace::{Motion, Pace};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use reqwest::{Method, StatusCode, header};
@@ -10,8 +11,10 @@ use std::time::{Duration, Instant};
 /// Waits between tries double from the first to the second of these.
 const FIRST_WAIT: Duration = Duration::from_millis(300);
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
-/// A connection that says nothing for this long is given up.
-const SILENCE: Duration = Duration::from_secs(60);
+/// A request that neither takes nor gives a byte for this long is given up: the link is dead, and only the client knows.
+pub const SILENCE: Duration = Duration::from_secs(20);
+/// After a silence the same request is given twice the time, up to so many times the first: perhaps the link is only thin.
+const LONGEST_SILENCE: u32 = 8;
 const CONNECT: Duration = Duration::from_secs(10);
 
 /// Why a request has no good answer.
@@ -42,6 +45,8 @@ pub enum ClientError {
         tries: u32,
         /// What the last try said.
         last: String,
+        /// Its status, if there was an answer.
+        status: Option<u16>,
     },
     /// The service said no, and would again.
     #[error("{what}: the service answered {status}: {said}")]
@@ -66,18 +71,35 @@ pub enum ClientError {
 }
 
 impl ClientError {
-    /// Status of a refusal.
+    /// Status of a refusal, or of the last of many temporary failures.
     pub fn status(&self) -> Option<u16> {
         match self {
             Self::Refused { status, .. } => Some(*status),
+            Self::Unreachable { status, .. } => *status,
             _ => None,
         }
     }
+
+    /// True when patience ended without a good answer.
+    pub fn is_unreachable(&self) -> bool {
+        matches!(self, Self::Unreachable { .. })
+    }
+
+    /// True for a problem of this kind, such as `superseded`.
+    pub fn is_problem(&self, slug: &str) -> bool {
+        matches!(self, Self::Refused { problem, .. } if problem["type"] == format!("/problems/{slug}"))
+    }
 }
+
+/// Hears why a request did not succeed, and how long the client waits before the next try.
+type OnWait = Arc<dyn Fn(&str, Duration) + Send + Sync>;
 
 /// A service and the right to use it. Cheap to clone.
 #[derive(Clone)]
 pub struct Client {
+    pace: Pace,
+    silence: Duration,
+    on_wait: OnWait,
     http: reqwest::Client,
     base: String,
     patience: Duration,
@@ -108,7 +130,6 @@ impl Client {
             .default_headers(header::HeaderMap::from_iter([(header::AUTHORIZATION, bearer)]))
             .redirect(reqwest::redirect::Policy::none()) // the token must not travel on
             .connect_timeout(CONNECT)
-            .read_timeout(SILENCE)
             .user_agent(concat!("ropescope/", env!("CARGO_PKG_VERSION")));
         let host = url.host_str().unwrap_or_default();
         if host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback()) {
@@ -116,11 +137,34 @@ impl Client {
         }
         crate::tls::install();
         Ok(Self {
+            pace: Pace::new(None),
+            silence: SILENCE,
+            on_wait: Arc::new(|_, _| {}),
             http: builder.build().map_err(ClientError::Setup)?,
             base: format!("{}/api/v1", server.trim_end_matches('/')),
             patience,
             rng: Arc::new(Mutex::new(ChaCha8Rng::seed_from_u64(seed))),
         })
+    }
+
+    /// Bodies go out at this speed at most, in bytes a second over all connections.
+    pub fn limited_to(self, bytes_per_second: f64) -> Self {
+        Self { pace: Pace::new(Some(bytes_per_second)), ..self }
+    }
+
+    /// Gives up a request that has not moved for so long, instead of [`SILENCE`].
+    pub fn patient_for(self, silence: Duration) -> Self {
+        Self { silence, ..self }
+    }
+
+    /// Tells `on_wait`, too, of failures that will be tried again.
+    pub fn telling(self, on_wait: impl Fn(&str, Duration) + Send + Sync + 'static) -> Self {
+        let others = Arc::clone(&self.on_wait);
+        let on_wait = move |last: &str, wait| {
+            others(last, wait);
+            on_wait(last, wait);
+        };
+        Self { on_wait: Arc::new(on_wait), ..self }
     }
 
     /// Fetches JSON from `path` (below `/api/v1`).
@@ -161,23 +205,69 @@ impl Client {
         body: bytes::Bytes,
     ) -> Result<Reply, ClientError> {
         let what = format!("{method} {path}");
+        let reply = self.send_unless(method, path, headers, body, async || false).await?;
+        reply.ok_or_else(|| ClientError::Answer { what, reason: "there is none".into() })
+    }
+
+    /// Like [`Self::send`], but asks `settled` before every further try: a request whose answer was lost need not be repeated.
+    /// `None`: it was settled so.
+    pub async fn send_unless(
+        &self,
+        method: Method,
+        path: &str,
+        headers: &[(&str, String)],
+        body: bytes::Bytes,
+        settled: impl AsyncFn() -> bool,
+    ) -> Result<Option<Reply>, ClientError> {
+        let what = format!("{method} {path}");
         let begun = Instant::now();
-        let mut tries = 0;
+        let (mut tries, mut silence) = (0, self.silence);
         loop {
-            let (last, asked) = match self.once(method.clone(), path, headers, body.clone()).await {
-                Ok(Ok(reply)) => return Ok(reply),
-                Ok(Err(failure)) if !failure.temporary() => return Err(failure.refused(what)),
-                Ok(Err(failure)) => (format!("{}: {}", failure.status, failure.said()), failure.retry_after),
-                Err(error) => (innermost(&error), None),
+            let motion = Motion::begin();
+            let answer = tokio::select! {
+                answer = self.once(method.clone(), path, headers, body.clone(), &motion) => Some(answer),
+                () = motion.rests(silence) => None,
+            };
+            let (last, asked, status) = match answer {
+                Some(Ok(Ok(reply))) => return Ok(Some(reply)),
+                Some(Ok(Err(failure))) if !failure.temporary() => return Err(failure.refused(what)),
+                Some(Ok(Err(failure))) => (
+                    format!("{}: {}", failure.status, failure.said()),
+                    failure.retry_after,
+                    Some(failure.status.as_u16()),
+                ),
+                Some(Err(error)) => (innermost(&error), None, None),
+                None => {
+                    let last = format!("the link was silent for {} s", silence.as_secs());
+                    silence = (silence * 2).min(self.silence * LONGEST_SILENCE);
+                    (last, None, None)
+                }
             };
             tries += 1;
             let wait = self.wait(tries, asked);
             if begun.elapsed() + wait > self.patience {
-                return Err(ClientError::Unreachable { what, tried_s: begun.elapsed().as_secs_f64(), tries, last });
+                let tried_s = begun.elapsed().as_secs_f64();
+                return Err(ClientError::Unreachable { what, tried_s, tries, last, status });
             }
+            (self.on_wait)(&last, wait);
             tracing::debug!(what, last, wait_s = wait.as_secs_f64(), "trying again");
             tokio::time::sleep(wait).await;
+            if settled().await {
+                return Ok(None);
+            }
         }
+    }
+
+    /// Posts JSON, once: `None` if that failed in whatever way.
+    pub async fn try_post(&self, path: &str, body: &Value) -> Option<Value> {
+        let headers = [("content-type", "application/json".to_owned())];
+        let motion = Motion::begin();
+        let body = bytes::Bytes::from(body.to_string());
+        let answer = tokio::select! {
+            answer = self.once(Method::POST, path, &headers, body, &motion) => answer.ok()?.ok()?,
+            () = motion.rests(self.silence) => return None,
+        };
+        serde_json::from_slice(&answer.body).ok()
     }
 
     async fn once(
@@ -186,15 +276,26 @@ impl Client {
         path: &str,
         headers: &[(&str, String)],
         body: bytes::Bytes,
+        motion: &Motion,
     ) -> reqwest::Result<Result<Reply, Failure>> {
-        let mut request = self.http.request(method, format!("{}{path}", self.base)).body(body);
+        let mut request = self.http.request(method, format!("{}{path}", self.base));
+        if !body.is_empty() {
+            let length = body.len();
+            let body = reqwest::Body::wrap_stream(self.pace.body(body, motion.clone()));
+            request = request.header(header::CONTENT_LENGTH, length).body(body);
+        }
         for (name, value) in headers {
             request = request.header(*name, value);
         }
-        let response = request.send().await?;
+        let mut response = request.send().await?;
         let status = response.status();
         let retry_after = response.headers().get("retry-after").and_then(|v| v.to_str().ok()?.parse().ok());
-        let body = response.bytes().await?;
+        let mut body = bytes::BytesMut::new();
+        while let Some(piece) = response.chunk().await? {
+            motion.moved();
+            body.extend_from_slice(&piece);
+        }
+        let body = body.freeze();
         Ok(if status.is_success() {
             Ok(Reply { status: status.as_u16(), body })
         } else {

@@ -1,13 +1,26 @@
 //! The laptop's client: brings an acquisition folder to a service, again and again until all of it is there.
 //!
-//! `plan` reads the folder and chooses ids, `client` speaks HTTP and keeps trying, `transfer` sends what the service says is
-//! missing. Ids are derived from names and content, so a rerun finds what an earlier run began and sends only the rest.
+//! `plan` reads the folder and chooses ids, `packing` brings frames into the stored form, `journal` remembers digests, `client`
+//! speaks HTTP and keeps trying, `pace` and `lanes` fit it to the link, `place` finds ropeway and rope, `transfer` announces, sends
+//! and completes, `watch` does so while the recording grows, `receipt` waits
+//! until the originals may be deleted. Ids are derived from names and content, so a rerun finds what an
+//! earlier run began and sends only the rest.
 
 pub mod client;
 pub mod ids;
+pub mod journal;
+pub mod lanes;
+pub mod pace;
+pub mod packing;
+pub mod place;
 pub mod plan;
+pub mod progress;
+pub mod receipt;
 pub mod transfer;
+pub mod watch;
 
 pub use client::{Client, ClientError};
 pub use plan::{Names, Plan, PlanError};
-pub use transfer::{Options, Report, Tick, UploadError, upload};
+pub use progress::{Stage, Tick};
+pub use transfer::{Options, Report, UploadError, upload};
+pub use watch::{Watching, watch};

@@ -1,10 +1,14 @@
 //! What an upload will bring: the objects to create and the frames to send, read from the folder before anything is sent.
 
 use super::ids::derived;
+use super::packing::EXTENSIONS;
 use crate::pipeline::acquisition::{self, AcquisitionError, RopeFile};
+use crate::store::digest::hex;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
 use uuid::Uuid;
 
 /// Name of the ropeway when neither `rope.json` nor the person gives one.
@@ -25,6 +29,14 @@ pub enum PlanError {
     /// The folder is no acquisition.
     #[error(transparent)]
     Acquisition(#[from] AcquisitionError),
+    /// A file is no frame.
+    #[error("{path} cannot be sent: {reason}")]
+    Frame {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// A frame could not be read.
     #[error("cannot read {path}: {source}")]
     Read {
@@ -42,6 +54,8 @@ pub struct PlannedFrame {
     pub path: PathBuf,
     /// Its length.
     pub bytes: u64,
+    /// When it was last changed, ms since 1970.
+    pub modified_ms: u64,
 }
 
 /// Everything that an upload creates and sends.
@@ -55,20 +69,49 @@ pub struct Plan {
     pub design: Value,
     /// All of the acquisition but its rope, as the API takes it.
     acquisition: Value,
-    /// Distinguishes this acquisition from every other of the same rope.
-    fingerprint: Vec<u8>,
+    /// The folder it was read from.
+    pub folder: PathBuf,
+    /// Columns of every frame.
+    pub sensor_px: u32,
+    /// False while frames may still be added.
+    pub whole: bool,
     /// `frames[view][frame]`.
     pub frames: Vec<Vec<PlannedFrame>>,
 }
 
 impl Plan {
-    /// Reads `folder`: `rope.json`, the sizes of all frames, and the first and last frame of every view for the fingerprint
-    /// (sensor noise makes any two frames differ, and hashing terabytes before the first byte is sent helps nobody).
+    /// Reads a whole recording: `rope.json` and the sizes of all frames. Errors: a view without frames, a gap.
     pub fn read(folder: &Path, names: &Names) -> Result<Self, PlanError> {
         let file = RopeFile::read(folder)?;
+        let views = file.views.iter().map(|view| acquisition::view_frames(&folder.join(&view.folder), &EXTENSIONS));
+        let paths = views.collect::<Result<_, _>>()?;
+        Self::of(folder, names, file, paths, true)
+    }
+
+    /// Reads a recording that still grows: frames without gap from the first one on, of some views perhaps none yet.
+    pub fn read_growing(folder: &Path, names: &Names) -> Result<Self, PlanError> {
+        let file = RopeFile::read(folder)?;
+        let mut views = Vec::new();
+        for view in &file.views {
+            let folder = folder.join(&view.folder);
+            let numbered =
+                if folder.is_dir() { acquisition::numbered_frames(&folder, &EXTENSIONS)? } else { BTreeMap::new() };
+            let gapless = numbered.into_iter().enumerate().take_while(|(expected, (number, _))| expected == number);
+            views.push(gapless.map(|(_, (_, path))| path).collect());
+        }
+        Self::of(folder, names, file, views, false)
+    }
+
+    fn of(
+        folder: &Path,
+        names: &Names,
+        file: RopeFile,
+        paths: Vec<Vec<PathBuf>>,
+        whole: bool,
+    ) -> Result<Self, PlanError> {
         file.validate()?;
         let mut frames = Vec::new();
-        for paths in acquisition::frame_paths(folder, &file)? {
+        for paths in paths {
             frames.push(paths.into_iter().map(planned).collect::<Result<Vec<_>, _>>()?);
         }
         let folder_name =
@@ -77,7 +120,9 @@ impl Plan {
             .views
             .iter()
             .zip(&frames)
-            .map(|(view, frames)| json!({"angle_deg": view.angle_deg, "frames": frames.len()}))
+            .map(|(view, frames)| {
+                without_nulls(json!({"angle_deg": view.angle_deg, "frames": whole.then_some(frames.len())}))
+            })
             .collect();
         let acquisition = without_nulls(json!({
             "line_pitch_mm": file.line_pitch_mm,
@@ -99,7 +144,9 @@ impl Plan {
                 "strand_diameter_mm": file.strand_diameter_mm,
                 "wire_diameter_mm": file.wire_diameter_mm,
             })),
-            fingerprint: fingerprint(&acquisition, &frames)?,
+            folder: folder.into(),
+            sensor_px: file.sensor_px,
+            whole,
             acquisition,
             frames,
         })
@@ -115,9 +162,36 @@ impl Plan {
         derived("rope", &[ropeway_id.as_bytes(), self.rope.as_bytes()])
     }
 
-    /// Id of the acquisition of a rope.
-    pub fn acquisition_id(&self, rope_id: Uuid) -> Uuid {
-        derived("acquisition", &[rope_id.as_bytes(), &self.fingerprint])
+    /// Distinguishes this recording from every other, also while it grows: what `rope.json` says and the first frame of every
+    /// view, lower-case hex. Sensor noise makes any two frames differ. `None` until every view has its first frame.
+    pub fn begin(&self) -> Result<Option<String>, PlanError> {
+        let mut hash = Sha256::new();
+        let mut acquisition = self.acquisition.clone();
+        for view in acquisition["views"].as_array_mut().into_iter().flatten() {
+            view["frames"] = Value::Null; // unknown while it grows
+        }
+        hash.update(acquisition.to_string()); // object keys are sorted
+        for view in &self.frames {
+            let Some(frame) = view.first() else { return Ok(None) };
+            hash.update(content_digest(frame)?);
+        }
+        Ok(Some(hex(&hash.finalize())))
+    }
+
+    /// Id of the acquisition of a rope, for a recording that was not begun before: from its beginning, and, when it is whole,
+    /// from the sizes of all frames and the last one of every view (hashing terabytes before the first byte is sent helps nobody).
+    pub fn acquisition_id(&self, rope_id: Uuid, begin: &str) -> Result<Uuid, PlanError> {
+        let mut hash = Sha256::new();
+        hash.update(begin);
+        if self.whole {
+            for frame in self.frames.iter().flatten() {
+                hash.update(frame.bytes.to_be_bytes());
+            }
+            for frame in self.frames.iter().filter_map(|view| view.last()) {
+                hash.update(content_digest(frame)?);
+            }
+        }
+        Ok(derived("acquisition", &[rope_id.as_bytes(), &hash.finalize()]))
     }
 
     /// The acquisition as the API takes it.
@@ -144,24 +218,15 @@ impl Plan {
 }
 
 fn planned(path: PathBuf) -> Result<PlannedFrame, PlanError> {
-    let bytes = std::fs::metadata(&path).map_err(|source| PlanError::Read { path: path.clone(), source })?.len();
-    Ok(PlannedFrame { path, bytes })
+    let known = std::fs::metadata(&path).and_then(|m| Ok((m.len(), m.modified()?)));
+    let (bytes, modified) = known.map_err(|source| PlanError::Read { path: path.clone(), source })?;
+    let modified_ms = modified.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64);
+    Ok(PlannedFrame { path, bytes, modified_ms })
 }
 
-fn fingerprint(acquisition: &Value, frames: &[Vec<PlannedFrame>]) -> Result<Vec<u8>, PlanError> {
-    let mut hash = Sha256::new();
-    hash.update(acquisition.to_string()); // object keys are sorted
-    for view in frames {
-        for frame in view {
-            hash.update(frame.bytes.to_be_bytes());
-        }
-        for frame in view.first().into_iter().chain(view.last()) {
-            let content =
-                std::fs::read(&frame.path).map_err(|source| PlanError::Read { path: frame.path.clone(), source })?;
-            hash.update(Sha256::digest(content));
-        }
-    }
-    Ok(hash.finalize().to_vec())
+fn content_digest(frame: &PlannedFrame) -> Result<[u8; 32], PlanError> {
+    let content = std::fs::read(&frame.path).map_err(|source| PlanError::Read { path: frame.path.clone(), source })?;
+    Ok(Sha256::digest(content).into())
 }
 
 /// Drops absent values, so that a service sees what the person wrote and nothing more.

@@ -1,53 +1,46 @@
-//! Creates what is not there, asks what is missing, sends it over several connections, completes the acquisition.
+//! Brings the frames of a plan to a service: announces all of them, sends what the service does not hold, completes.
 
 use super::client::{Client, ClientError};
+use super::journal::{Digested, Journal};
+use super::lanes::Lanes;
+use super::packing::{Packed, Packing};
+use super::place;
 use super::plan::{Plan, PlanError, PlannedFrame};
+use super::progress::{Counter, Stage, Tick};
+use crate::store::digest::hex;
 use base64::Engine;
 use futures::StreamExt;
 use reqwest::Method;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use std::time::Instant;
+use std::collections::BTreeSet;
+use std::time::Duration;
 use uuid::Uuid;
+
+/// Frames that are announced in one request.
+const ANNOUNCED_AT_ONCE: usize = 500;
+/// How often the list of missing frames is asked for anew when a completion was refused: another client may be sending, and
+/// frames may be found damaged.
+const ROUNDS: u32 = 20;
+/// Wait between them.
+const ROUND_WAIT: Duration = Duration::from_secs(2);
 
 /// How to upload.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Frames on their way at the same time.
+    /// Most frames on their way at the same time.
     pub connections: usize,
+    /// Bits of a gray value in camera dumps, 8 or 16.
+    pub raw_bits: u8,
+    /// Compress frames before they are sent.
+    pub compress: bool,
+    /// Wait for the receipt.
+    pub receipt: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { connections: 4 }
-    }
-}
-
-/// Where an upload stands, told after every frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tick {
-    /// Frames of the acquisition.
-    pub frames: usize,
-    /// Frames that the service holds.
-    pub held: usize,
-    /// Bytes that this run has to send.
-    pub bytes: u64,
-    /// Bytes that this run has sent.
-    pub sent_bytes: u64,
-    /// Seconds since sending began.
-    pub seconds: f64,
-}
-
-impl Tick {
-    /// MB (10^6 bytes) per second so far.
-    pub fn mb_per_second(&self) -> f64 {
-        if self.seconds > 0.0 { self.sent_bytes as f64 / 1e6 / self.seconds } else { 0.0 }
-    }
-
-    /// Seconds left at the speed so far; `None` before the first byte.
-    pub fn seconds_left(&self) -> Option<f64> {
-        let left = self.bytes.saturating_sub(self.sent_bytes) as f64;
-        (self.sent_bytes > 0).then(|| left * self.seconds / self.sent_bytes as f64)
+        Self { connections: 8, raw_bits: 8, compress: false, receipt: false }
     }
 }
 
@@ -68,6 +61,8 @@ pub struct Report {
     pub sent_bytes: u64,
     /// Seconds of the run.
     pub seconds: f64,
+    /// The receipt, if it was asked for.
+    pub receipt: Option<Value>,
 }
 
 /// Why an upload ended early. What was sent stays sent: a rerun continues.
@@ -105,151 +100,305 @@ pub enum UploadError {
     },
 }
 
-/// Uploads `plan`. `tick` is called at the start and after every frame.
-pub async fn upload(
+/// View, number, file and how it is sent.
+struct Entry {
+    view: usize,
+    number: usize,
+    frame: PlannedFrame,
+    digested: Digested,
+}
+
+impl Entry {
+    /// The frame as a manifest names it.
+    fn announcement(&self) -> Value {
+        let d = &self.digested;
+        json!({"view": self.view, "frame": self.number, "sha256": d.sha256, "bytes": d.bytes, "lines": d.lines})
+    }
+}
+
+fn manifest_path(acquisition_id: Uuid) -> String {
+    format!("/acquisitions/{acquisition_id}/manifest")
+}
+
+/// An upload that is under way.
+pub struct Transfer<F> {
+    client: Client,
+    packing: Packing,
+    lanes: Lanes,
+    connections: usize,
+    wants_receipt: bool,
+    ropeway_id: Uuid,
+    rope_id: Uuid,
+    /// The acquisition.
+    pub acquisition_id: Uuid,
+    journal: Journal,
+    held: BTreeSet<(usize, usize)>,
+    sent_frames: usize,
+    counter: Counter,
+    on_tick: F,
+}
+
+/// Uploads a whole recording. `on_tick` is called when it begins and after every frame.
+pub async fn upload<F: Fn(&Tick)>(
     client: &Client,
     plan: &Plan,
     options: &Options,
-    tick: impl Fn(Tick) + Sync,
+    on_tick: F,
 ) -> Result<Report, UploadError> {
-    let begun = Instant::now();
-    let ropeway_id = ropeway(client, plan).await?;
-    let rope_id = rope(client, plan, ropeway_id).await?;
-    let acquisition_id = plan.acquisition_id(rope_id);
-    client.put(&format!("/acquisitions/{acquisition_id}"), &plan.acquisition(rope_id)).await?;
-    let missing = missing(client, plan, acquisition_id).await?;
-    let sending = Instant::now();
-    let mut state = Tick {
-        frames: plan.frame_count(),
-        held: plan.frame_count() - missing.len(),
-        bytes: missing.iter().map(|m| m.2.bytes).sum(),
-        sent_bytes: 0,
-        seconds: 0.0,
-    };
-    tick(state);
-    let sent_frames = missing.len();
-    let mut answers = futures::stream::iter(missing)
-        .map(|(view, number, frame)| send_frame(client, acquisition_id, view, number, frame))
-        .buffer_unordered(options.connections.max(1));
-    while let Some(sent) = answers.next().await {
-        state.sent_bytes += sent?;
-        state.held += 1;
-        state.seconds = sending.elapsed().as_secs_f64();
-        tick(state);
-    }
-    client.post(&format!("/acquisitions/{acquisition_id}/completion"), &plan.completion()).await?;
-    Ok(Report {
-        ropeway_id,
-        rope_id,
-        acquisition_id,
-        frames: state.frames,
-        sent_frames,
-        sent_bytes: state.sent_bytes,
-        seconds: begun.elapsed().as_secs_f64(),
-    })
+    let begin = plan.begin()?.unwrap_or_default(); // a whole recording has frames
+    let mut transfer = Transfer::begin(client, plan, &begin, options, on_tick).await?;
+    transfer.bring(plan).await?;
+    transfer.complete(plan).await
 }
 
-/// The ropeway of this name: found, or created under the id derived from the name.
-async fn ropeway(client: &Client, plan: &Plan) -> Result<Uuid, UploadError> {
-    if let Some(found) = find(client, "/ropeways?limit=200", &plan.ropeway).await? {
-        return Ok(id_of(&found)?);
+impl<F: Fn(&Tick)> Transfer<F> {
+    /// Finds or creates ropeway, rope and acquisition.
+    pub async fn begin(
+        client: &Client,
+        plan: &Plan,
+        begin: &str,
+        options: &Options,
+        on_tick: F,
+    ) -> Result<Self, UploadError> {
+        let ropeway_id = place::ropeway(client, plan).await?;
+        let rope_id = place::rope(client, plan, ropeway_id).await?;
+        let mut journal = Journal::open(&plan.folder);
+        let fresh = plan.acquisition_id(rope_id, begin)?;
+        let acquisition_id = journal.acquisition_id(begin, rope_id, || fresh);
+        client.put(&format!("/acquisitions/{acquisition_id}"), &plan.acquisition(rope_id)).await?;
+        let lanes = Lanes::new(options.connections);
+        let told = lanes.clone();
+        Ok(Self {
+            client: client.clone().telling(move |_, _| told.failed()),
+            packing: Packing { raw_width_px: plan.sensor_px, raw_bits: options.raw_bits, compress: options.compress },
+            lanes,
+            connections: options.connections.max(1),
+            wants_receipt: options.receipt,
+            ropeway_id,
+            rope_id,
+            acquisition_id,
+            journal,
+            held: BTreeSet::new(),
+            sent_frames: 0,
+            counter: Counter::begin(plan.frames.len()),
+            on_tick,
+        })
     }
-    let id = plan.ropeway_id();
-    client.put(&format!("/ropeways/{id}"), &json!({"name": plan.ropeway})).await?;
-    Ok(id)
-}
 
-/// The rope of this name: found and compared, or created.
-async fn rope(client: &Client, plan: &Plan, ropeway_id: Uuid) -> Result<Uuid, UploadError> {
-    let Some(found) = find(client, &format!("/ropes?limit=200&ropeway_id={ropeway_id}"), &plan.rope).await? else {
-        let id = plan.rope_id(ropeway_id);
-        let body = json!({"ropeway_id": ropeway_id, "name": plan.rope, "design": plan.design});
-        client.put(&format!("/ropes/{id}"), &body).await?;
-        return Ok(id);
-    };
-    for quantity in ["strands", "wires_per_strand", "rope_diameter_mm"] {
-        let (held, ours) = (&found["design"][quantity], &plan.design[quantity]);
-        if held.as_f64() != ours.as_f64() {
-            return Err(UploadError::OtherDesign {
-                ropeway: plan.ropeway.clone(),
-                rope: plan.rope.clone(),
-                quantity,
-                held: held.clone(),
-                ours: ours.clone(),
-            });
+    /// Announces every frame of the plan that is not known to be held, and sends those that the service asks for.
+    pub async fn bring(&mut self, plan: &Plan) -> Result<(), UploadError> {
+        self.counter.found(plan.frames.iter().map(Vec::len));
+        self.enter(Stage::Announcing);
+        let mut wanted = Vec::new();
+        for batch in in_turn(plan, &self.held).chunks(ANNOUNCED_AT_ONCE) {
+            wanted.extend(self.announce(batch).await?);
         }
+        self.enter(Stage::Sending);
+        self.send(wanted).await
     }
-    Ok(id_of(&found)?)
-}
 
-/// Looks through a list, page by page, for an item of this name.
-async fn find(client: &Client, list: &str, name: &str) -> Result<Option<Value>, ClientError> {
-    let mut path = list.to_owned();
-    loop {
-        let page = client.get(&path).await?;
-        let items = page["items"].as_array().map(Vec::as_slice).unwrap_or_default();
-        if let Some(item) = items.iter().find(|item| item["name"] == name) {
-            return Ok(Some(item.clone()));
-        }
-        match page["next_cursor"].as_str() {
-            Some(cursor) => path = format!("{list}&cursor={cursor}"),
-            None => return Ok(None),
-        }
+    /// Tells that nothing is to do until the recording grows.
+    pub fn rest(&mut self) {
+        self.enter(Stage::Watching);
     }
-}
 
-fn id_of(item: &Value) -> Result<Uuid, ClientError> {
-    let text = item["id"].as_str().unwrap_or_default();
-    text.parse().map_err(|_| ClientError::Answer {
-        what: "GET of a list".into(),
-        reason: format!("an item has the id {text:?}, which is no UUID"),
-    })
-}
+    /// Says that all was sent; sends again what the service misses then.
+    pub async fn complete(mut self, plan: &Plan) -> Result<Report, UploadError> {
+        let path = format!("/acquisitions/{}/completion", self.acquisition_id);
+        let mut rounds = 0;
+        loop {
+            self.send_missing(plan).await?;
+            rounds += 1;
+            match self.client.post(&path, &plan.completion()).await {
+                Err(error) if error.is_problem("acquisition-incomplete") && rounds < ROUNDS => {
+                    tokio::time::sleep(ROUND_WAIT).await;
+                }
+                answer => {
+                    answer?;
+                    break;
+                }
+            }
+        }
+        let receipt = if self.wants_receipt { Some(self.receipt(plan).await?) } else { None };
+        Ok(Report {
+            ropeway_id: self.ropeway_id,
+            rope_id: self.rope_id,
+            acquisition_id: self.acquisition_id,
+            frames: plan.frame_count(),
+            sent_frames: self.sent_frames,
+            sent_bytes: self.counter.sent_bytes(),
+            seconds: self.counter.seconds(),
+            receipt,
+        })
+    }
 
-/// View, number and file of every frame that the service does not hold.
-async fn missing(
-    client: &Client,
-    plan: &Plan,
-    acquisition_id: Uuid,
-) -> Result<Vec<(usize, usize, PlannedFrame)>, UploadError> {
-    let path = format!("/acquisitions/{acquisition_id}/missing");
-    let answer = client.get(&path).await?;
-    let bad = |reason: &str| ClientError::Answer { what: format!("GET {path}"), reason: reason.into() };
-    let mut frames = Vec::new();
-    for entry in answer["views"].as_array().ok_or_else(|| bad("no views"))? {
-        let view = entry["view"].as_u64().ok_or_else(|| bad("a view without number"))? as usize;
-        for range in entry["missing"].as_array().ok_or_else(|| bad("a view without missing ranges"))? {
-            let (Some(from), Some(to)) = (range[0].as_u64(), range[1].as_u64()) else {
-                return Err(bad("a range is not two numbers").into());
-            };
-            for number in from as usize..=to as usize {
+    pub(super) fn client(&self) -> &Client {
+        &self.client
+    }
+
+    fn enter(&mut self, stage: Stage) {
+        self.counter.enter(stage);
+        self.tick();
+    }
+
+    fn tick(&mut self) {
+        (self.on_tick)(&self.counter.tick(self.lanes.allowed()));
+    }
+
+    /// Announces frames and returns those that have to be sent.
+    async fn announce(&mut self, batch: &[(usize, usize, PlannedFrame)]) -> Result<Vec<Entry>, UploadError> {
+        let mut entries = self.digests(batch).await?;
+        let frames: Vec<Value> = entries.iter().map(Entry::announcement).collect();
+        let answer = self.client.post(&manifest_path(self.acquisition_id), &json!({"frames": frames})).await?;
+        let asked = answer["to_send"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let number = |value: &Value| value.as_u64().unwrap_or(u64::MAX) as usize;
+        let asked: BTreeSet<(usize, usize)> = asked.iter().map(|f| (number(&f["view"]), number(&f["frame"]))).collect();
+        for entry in &entries {
+            if !asked.contains(&(entry.view, entry.number)) && self.held.insert((entry.view, entry.number)) {
+                self.counter.held(entry.view, 0);
+            }
+        }
+        entries.retain(|e| asked.contains(&(e.view, e.number)));
+        self.counter.to_send(entries.iter().map(|e| e.digested.bytes).sum());
+        self.tick();
+        Ok(entries)
+    }
+
+    /// Digests of frames: from the journal, else computed on all cores.
+    async fn digests(&mut self, batch: &[(usize, usize, PlannedFrame)]) -> Result<Vec<Entry>, UploadError> {
+        let (packing, name) = (self.packing, self.packing.name());
+        let work = batch.iter().cloned().map(|(view, number, frame)| {
+            let known = self.journal.digested(view, number, frame.bytes, frame.modified_ms, &name).cloned();
+            let name = name.clone();
+            async move {
+                let digested = match known {
+                    Some(digested) => digested,
+                    None => {
+                        let packed = pack(packing, &frame).await?;
+                        Digested {
+                            source_bytes: frame.bytes,
+                            modified_ms: frame.modified_ms,
+                            packing: name,
+                            sha256: hex(&Sha256::digest(&packed.bytes)),
+                            bytes: packed.bytes.len() as u64,
+                            lines: packed.lines,
+                        }
+                    }
+                };
+                Ok::<_, UploadError>(Entry { view, number, frame, digested })
+            }
+        });
+        let cores = std::thread::available_parallelism().map_or(2, usize::from);
+        let entries: Vec<_> = futures::stream::iter(work.collect::<Vec<_>>()).buffered(cores).collect().await;
+        let entries = entries.into_iter().collect::<Result<Vec<_>, _>>()?;
+        for e in &entries {
+            let d = &e.digested;
+            if self.journal.digested(e.view, e.number, d.source_bytes, d.modified_ms, &name).is_none() {
+                self.journal.keep(e.view, e.number, d.clone());
+            }
+        }
+        Ok(entries)
+    }
+
+    /// Sends frames over as many lanes as the link bears.
+    async fn send(&mut self, entries: Vec<Entry>) -> Result<(), UploadError> {
+        let (client, lanes, packing, id) = (self.client.clone(), self.lanes.clone(), self.packing, self.acquisition_id);
+        let mut answers = futures::stream::iter(entries)
+            .map(|entry| {
+                let (client, lanes) = (client.clone(), lanes.clone());
+                async move {
+                    let _lane = lanes.enter().await;
+                    let sent = send_frame(&client, packing, id, &entry).await?;
+                    if let Some(bytes) = sent {
+                        lanes.succeeded(bytes);
+                    }
+                    Ok::<_, UploadError>((entry.view, entry.number, sent))
+                }
+            })
+            .buffer_unordered(self.connections);
+        while let Some(answer) = answers.next().await {
+            let (view, number, sent) = answer?;
+            // What another request brings is asked for again before completion.
+            if let Some(bytes) = sent {
+                self.sent_frames += 1;
+                if self.held.insert((view, number)) {
+                    self.counter.held(view, bytes);
+                }
+                (self.on_tick)(&self.counter.tick(lanes.allowed()));
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends what the service names as missing or damaged.
+    pub(super) async fn send_missing(&mut self, plan: &Plan) -> Result<(), UploadError> {
+        let path = format!("/acquisitions/{}/missing", self.acquisition_id);
+        let answer = self.client.get(&path).await?;
+        let bad = |reason: &str| ClientError::Answer { what: format!("GET {path}"), reason: reason.into() };
+        let mut frames = Vec::new();
+        for entry in answer["views"].as_array().ok_or_else(|| bad("no views"))? {
+            let view = entry["view"].as_u64().ok_or_else(|| bad("a view without number"))? as usize;
+            let mut numbers = Vec::new();
+            for range in entry["missing"].as_array().ok_or_else(|| bad("a view without missing ranges"))? {
+                let (Some(from), Some(to)) = (range[0].as_u64(), range[1].as_u64()) else {
+                    return Err(bad("a range is not two numbers").into());
+                };
+                numbers.extend(from as usize..=to as usize);
+            }
+            let damaged = entry["damaged"].as_array().map(Vec::as_slice).unwrap_or_default();
+            numbers.extend(damaged.iter().filter_map(Value::as_u64).map(|n| n as usize));
+            for number in numbers {
                 let frame = plan.frames.get(view).and_then(|v| v.get(number));
                 let frame = frame.ok_or(UploadError::UnknownFrame { view, frame: number })?;
                 frames.push((view, number, frame.clone()));
             }
         }
+        for batch in frames.chunks(ANNOUNCED_AT_ONCE) {
+            let wanted = self.announce(batch).await?;
+            self.send(wanted).await?;
+        }
+        Ok(())
     }
-    Ok(frames)
 }
 
-/// Sends one frame with its digest. Returns its length.
+/// Frames that are not held, all views side by side: the rope is whole as far as it was sent.
+fn in_turn(plan: &Plan, held: &BTreeSet<(usize, usize)>) -> Vec<(usize, usize, PlannedFrame)> {
+    let longest = plan.frames.iter().map(Vec::len).max().unwrap_or(0);
+    let places = (0..longest).flat_map(|number| (0..plan.frames.len()).map(move |view| (view, number)));
+    places
+        .filter(|place| !held.contains(place))
+        .filter_map(|(view, number)| Some((view, number, plan.frames[view].get(number)?.clone())))
+        .collect()
+}
+
+async fn pack(packing: Packing, frame: &PlannedFrame) -> Result<Packed, UploadError> {
+    let path = frame.path.clone();
+    let packed = tokio::task::spawn_blocking(move || packing.pack(&path)).await;
+    let died = |e: tokio::task::JoinError| PlanError::Frame { path: frame.path.clone(), reason: e.to_string() };
+    Ok(packed.map_err(died)??)
+}
+
+/// Sends one frame with its digest. Returns its length, or `None` when another request is bringing the same frame.
 async fn send_frame(
     client: &Client,
+    packing: Packing,
     acquisition_id: Uuid,
-    view: usize,
-    number: usize,
-    frame: PlannedFrame,
-) -> Result<u64, UploadError> {
-    let content =
-        tokio::fs::read(&frame.path).await.map_err(|source| PlanError::Read { path: frame.path.clone(), source })?;
-    let digest = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(&content));
-    let tiff = frame.path.extension().is_some_and(|e| e != "png");
-    let headers = [
-        ("repr-digest", format!("sha-256=:{digest}:")),
-        ("content-type", if tiff { "image/tiff" } else { "image/png" }.to_owned()),
-    ];
-    let length = content.len() as u64;
-    let path = format!("/acquisitions/{acquisition_id}/views/{view}/frames/{number}");
-    client.send(Method::PUT, &path, &headers, content.into()).await?;
-    Ok(length)
+    entry: &Entry,
+) -> Result<Option<u64>, UploadError> {
+    let packed = pack(packing, &entry.frame).await?;
+    let digest = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(&packed.bytes));
+    let headers = [("repr-digest", format!("sha-256=:{digest}:")), ("content-type", packed.content_type.to_owned())];
+    let length = packed.bytes.len() as u64;
+    let path = format!("/acquisitions/{acquisition_id}/views/{}/frames/{}", entry.view, entry.number);
+    // A frame may have arrived although its answer was lost: asking costs less than sending it again.
+    let manifest = json!({"frames": [entry.announcement()]});
+    let arrived = async || {
+        let answer = client.try_post(&manifest_path(acquisition_id), &manifest).await;
+        answer.is_some_and(|answer| answer["to_send"].as_array().is_some_and(Vec::is_empty))
+    };
+    match client.send_unless(Method::PUT, &path, &headers, packed.bytes, arrived).await {
+        Ok(_) => Ok(Some(length)),
+        Err(error) if error.is_problem("superseded") => Ok(None),
+        Err(error) => Err(error.into()),
+    }
 }

@@ -12,7 +12,7 @@ use crate::store::jobs::Job;
 use crate::store::leases::Lease;
 use crate::store::model_thresholds::ModelThreshold;
 use crate::store::models::NewModel;
-use crate::store::{Id, StoreError, folder};
+use crate::store::{Id, StoreError, digest, folder};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -151,7 +151,8 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
     if job.kind == "train" {
         let options = TrainOptions { from_m: job.from_m, to_m: job.to_m };
         let report = engine.train(&input.acquisition, &input.frames, options, &work, watch).map_err(pipeline)?;
-        let (sha256, bytes) = digest(&work)?;
+        let sha256 = digest::of_file(&work)?;
+        let bytes = folder::length(&work)? as i64;
         let report = serde_json::to_string(&report).map_err(|e| NoOutput::Failed(Failure::of_results(e)))?;
         let path = app.store.folder().model(id);
         folder::sync_tree(&work)?;
@@ -193,23 +194,6 @@ fn defect_id(job: Id, number: usize) -> Id {
     let mut bytes = [0; 16];
     bytes.copy_from_slice(&digest[..16]);
     Id(uuid::Builder::from_custom_bytes(bytes).into_uuid())
-}
-
-fn digest(path: &Path) -> Result<(String, i64), StoreError> {
-    let failed = |source| StoreError::File { path: path.into(), source };
-    let mut file = std::fs::File::open(path).map_err(failed)?;
-    let mut hash = Sha256::new();
-    let mut buffer = vec![0; 1 << 18];
-    let mut bytes = 0;
-    loop {
-        let n = std::io::Read::read(&mut file, &mut buffer).map_err(failed)?;
-        if n == 0 {
-            break;
-        }
-        hash.update(&buffer[..n]);
-        bytes += n as i64;
-    }
-    Ok((hash.finalize().iter().map(|b| format!("{b:02x}")).collect(), bytes))
 }
 
 async fn settle(app: &App, job: &Job, output: Output) -> Result<Lease, StoreError> {

@@ -38,6 +38,7 @@ fn allowed(role: Role, method: &str, path: &str) -> bool {
         Role::Admin => true,
         _ if matches!(resource, "tokens" | "webhook-endpoints") => false,
         Role::Operator => true,
+        _ if resource == "archives" => role == Role::Upload,
         _ if resource == "deliveries" => false,
         Role::Upload => {
             let frame = path.contains("/frames/");

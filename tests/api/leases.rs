@@ -70,6 +70,7 @@ impl Queue {
             lines: 1,
             content_type: "image/png".into(),
             received_at_ms: 0,
+            damaged_at_ms: None,
         };
         store.keep_frame(&upload, frame).await.unwrap();
         store.complete_acquisition(acquisition, None).await.unwrap();

@@ -4,6 +4,7 @@
 
 mod access;
 mod acquisitions;
+mod archives;
 mod card;
 mod contract;
 mod crash;
@@ -11,8 +12,11 @@ mod frames;
 mod helpers;
 mod jobs;
 mod leases;
+mod manifests;
 mod process;
+mod receipts;
 mod results;
+mod retention;
 mod ropes;
 mod surface_alarms;
 mod thresholds;

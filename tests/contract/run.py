@@ -1,4 +1,5 @@
-"""Holds a running service against its contract with programs that are not ours: schemathesis and standardwebhooks.
+"""Holds a running service against its contract with programs that are not ours: schemathesis, standardwebhooks, tuspy and
+tus-js-client (Node finds it over NODE_PATH).
 
     python tests/contract/run.py target/debug/ropescope [--examples N] [--seed N]
 
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 
+import tus
 import webhook
 from seed import pins, seed
 from service import Service
@@ -108,16 +110,22 @@ def main():
         except Exception as error:
             trouble = repr(error)
         tally.check("an acquisition is uploaded, learnt and inspected", not trouble, trouble)
+        if "folder" in ids:
+            for check in tus.checks(service, ids["rope"], ids["folder"]):
+                tally.check(*check)
         if "spare_defect" in ids:
             for check in webhook.checks(service, ids["spare_defect"]):
                 tally.check(*check)
         else:
             tally.check("a defect to confirm was found", False, "webhooks could not be tried")
+        # A quota that the fuzzer sets lets every upload be refused, so that comes late.
         # The token that fuzzes must not be revoked by the fuzzer: that operation comes last, with another token.
         revoke = "DELETE /api/v1/tokens/{id}"
         fuzz(tally, "resources that exist", service, service.token, pinned(ids),
-             [*bounded, "--exclude-method", "DELETE", "--phases", "examples,coverage,fuzzing", "--mode", "positive"])
-        fuzz(tally, "anything at all", service, service.token, FOLLOWED, [*bounded, "--exclude-name", revoke])
+             [*bounded, "--exclude-method", "DELETE", "--exclude-path-regex", "/storage$", "--phases", "examples,coverage,fuzzing", "--mode", "positive"])
+        fuzz(tally, "anything at all", service, service.token, FOLLOWED,
+             [*bounded, "--exclude-name", revoke, "--exclude-path-regex", "/storage$"])
+        fuzz(tally, "storage of ropeways", service, service.token, pinned(ids), [*bounded, "--include-path-regex", "/storage$"])
         fuzz(tally, "revoking tokens", service, service.new_token("admin"), "", [*bounded, "--include-name", revoke])
         status, _ = service.call("GET", "/ropeways")
         tally.check("the service still answers", status == 200, str(status))

@@ -6,6 +6,7 @@ def seed(service, ids):
     folder = service.simulate("rope", "--metres", "1.6", "--views", "1", "--defects", "2", "--defect-free-m", "1.0", "--seed", "3")
     names = ("--ropeway", "North", "--rope", "track rope 1")
     done = service.upload(folder, *names)
+    ids["folder"] = folder
     ids.update({k: done[f"{k}_id"] for k in ("ropeway", "rope", "acquisition")})
     service.want("PATCH", f"/ropes/{ids['rope']}/ticketing", {"ticket_level": 1e9})
     half = {"rope_id": ids["rope"], "line_pitch_mm": 0.1, "sensor_px": 480, "views": [{"angle_deg": 0, "frames": 3}]}

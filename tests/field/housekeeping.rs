@@ -1,0 +1,79 @@
+//! Backup, restore and scrub as processes beside a service that is in use.
+
+use crate::processes::{PROGRAM, Server, Uploader, free_port, token};
+use crate::recording::{assert_stored, get, recording};
+use std::path::Path;
+use std::process::{Command, Output};
+use std::time::Duration;
+
+const FRAMES: usize = 80;
+const WITHIN: Duration = Duration::from_secs(120);
+
+fn run(command: &str, options: &[(&str, &Path)]) -> Output {
+    let mut run = Command::new(PROGRAM);
+    run.arg(command);
+    for (option, path) in options {
+        run.arg(option).arg(path);
+    }
+    run.output().unwrap()
+}
+
+fn text(output: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+#[test]
+fn a_backup_made_during_an_upload_comes_back_consistent_and_the_upload_goes_on_there() {
+    let [data, source, copies] = [0; 3].map(|_| tempfile::tempdir().unwrap());
+    let (backup, restored) = (copies.path().join("backup"), copies.path().join("restored"));
+    recording(source.path(), FRAMES, 60);
+    let token = token(data.path());
+    let mut server = Server::start(data.path(), free_port(), &[]);
+    let mut uploader = Uploader::start(source.path(), &server.base, &token, &["--limit-mbit", "4"]);
+    while uploader.held() < 20 {
+        assert!(uploader.running());
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let first = run("backup", &[("--data", data.path()), ("--to", &backup)]);
+    assert!(first.status.success(), "{}", text(&first));
+    assert!(uploader.running(), "it was made while the upload ran");
+    uploader.report(WITHIN);
+    // The second one copies what is new. Both are whole.
+    let second = run("backup", &[("--data", data.path()), ("--to", &backup)]);
+    let held: usize = text(&second).split(" copied, ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!((20..2 * FRAMES).contains(&held), "{}", text(&second));
+    server.kill();
+    let back = run("restore", &[("--from", &backup), ("--data", &restored)]);
+    assert!(back.status.success(), "{}", text(&back));
+    let again = run("restore", &[("--from", &backup), ("--data", &restored)]);
+    assert!(!again.status.success() && text(&again).contains("is not empty"), "{}", text(&again));
+    let server = Server::start(&restored, free_port(), &[]);
+    let report = Uploader::start(source.path(), &server.base, &token, &[]).report(WITHIN);
+    assert_eq!(report["sent_frames"], 0);
+    assert_stored(&restored, report["acquisition_id"].as_str().unwrap(), source.path(), FRAMES);
+}
+
+#[test]
+fn scrub_finds_what_rotted_and_the_next_upload_heals_it() {
+    let [data, source] = [0; 2].map(|_| tempfile::tempdir().unwrap());
+    recording(source.path(), 4, 60);
+    let token = token(data.path());
+    let server = Server::start(data.path(), free_port(), &[]);
+    let report = Uploader::start(source.path(), &server.base, &token, &[]).report(WITHIN);
+    let id = report["acquisition_id"].as_str().unwrap();
+    let scrub = || run("scrub", &[("--data", data.path())]);
+    assert!(scrub().status.success(), "{}", text(&scrub()));
+    let folder = data.path().join(format!("frames/{id}/1"));
+    let rotten = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).max().unwrap();
+    let mut bytes = std::fs::read(&rotten).unwrap();
+    bytes[99] ^= 4;
+    std::fs::write(&rotten, bytes).unwrap();
+    let found = scrub();
+    assert_eq!(found.status.code(), Some(1));
+    assert!(text(&found).contains(&format!("damaged  acquisition {id} view 1 frame 3")), "{}", text(&found));
+    assert_eq!(get(&server.base, &token, &format!("acquisitions/{id}/missing"))["views"][1]["damaged"][0], 3);
+    let healed = Uploader::start(source.path(), &server.base, &token, &[]).report(WITHIN);
+    assert_eq!(healed["sent_frames"], 1);
+    assert!(scrub().status.success());
+    assert_stored(data.path(), id, source.path(), 4);
+}

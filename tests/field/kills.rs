@@ -1,0 +1,202 @@
+//! Service and client killed without warning at random moments.
+
+use crate::processes::{PROGRAM, Server, Uploader, free_port, token};
+use crate::recording::{assert_stored, get, post, recording, repeated_frames, write_frame};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde_json::json;
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+const WITHIN: Duration = Duration::from_secs(300);
+
+/// The one acquisition of a service, if it has one.
+fn acquisition(server: &Server, token: &str) -> Option<serde_json::Value> {
+    get(&server.base, token, "acquisitions")["items"].as_array().unwrap().first().cloned()
+}
+
+/// Files of frames below a data folder.
+fn files(data: &Path) -> usize {
+    let below = |folder: &Path| -> Vec<_> { std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect() };
+    below(&data.join("frames")).iter().flat_map(|a| below(a)).map(|view| below(&view).len()).sum()
+}
+
+fn kill_the_service(kills: usize, frames_a_view: usize) {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    recording(source.path(), frames_a_view, 60);
+    let token = token(data.path());
+    let port = free_port();
+    let mut server = Server::start(data.path(), port, &[]);
+    let base = server.base.clone();
+    let start = |more: &[&str]| Uploader::start(source.path(), &base, &token, more);
+    let mut uploader = start(&["--limit-mbit", "4"]);
+    for kill in 0..kills {
+        std::thread::sleep(Duration::from_millis(rng.random_range(20..400)));
+        server.kill();
+        let acknowledged = uploader.held();
+        server = Server::start(data.path(), port, &[]);
+        assert_eq!(std::fs::read_dir(data.path().join("uploads")).unwrap().count(), 0, "kill {kill}");
+        let present = acquisition(&server, &token).map_or(0, |a| a["frames_present"].as_u64().unwrap());
+        assert!(present >= acknowledged, "kill {kill}: {acknowledged} frames were acknowledged, {present} are there");
+        if !uploader.running() {
+            uploader.report(WITHIN); // it was complete: go on with completions that are repeated
+            uploader = start(&[]);
+        }
+    }
+    uploader.report(WITHIN);
+    let id = acquisition(&server, &token).unwrap()["id"].as_str().unwrap().to_owned();
+    assert_stored(data.path(), &id, source.path(), frames_a_view);
+    assert_eq!(files(data.path()), 2 * frames_a_view, "no file without owner");
+}
+
+#[test]
+fn what_a_killed_service_had_acknowledged_is_there_and_the_upload_goes_on() {
+    kill_the_service(6, 120);
+}
+
+#[test]
+#[ignore = "the full figures: takes minutes"]
+fn full_what_a_service_killed_50_times_had_acknowledged_is_there() {
+    kill_the_service(50, 900);
+}
+
+/// Kills the service while it works on jobs; every job ends with one inspection.
+#[test]
+#[ignore = "the full figures: takes minutes"]
+fn full_no_job_is_lost_or_doubled_when_its_service_is_killed() {
+    const JOBS: usize = 10;
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let simulate = ["simulate", "--metres", "1", "--views", "1", "--seed", "3", "--out"];
+    let rope = source.path().join("rope");
+    assert!(Command::new(PROGRAM).args(simulate).arg(&rope).output().unwrap().status.success());
+    let token = token(data.path());
+    let port = free_port();
+    let mut server = Server::start(data.path(), port, &[]);
+    let uploaded = Uploader::start(&rope, &server.base, &token, &[]).report(WITHIN);
+    let job = json!({"kind": "inspect", "acquisition_id": uploaded["acquisition_id"]});
+    for number in 0..JOBS {
+        let id = post(&server.base, &token, "jobs", &job)["id"].as_str().unwrap().to_owned();
+        for _ in 0..2 {
+            std::thread::sleep(Duration::from_millis(rng.random_range(0..1500)));
+            server.kill();
+            server = Server::start(data.path(), port, &[]);
+        }
+        let begun = Instant::now();
+        let ended = loop {
+            let job = get(&server.base, &token, &format!("jobs/{id}"));
+            if !["queued", "running"].contains(&job["state"].as_str().unwrap()) {
+                break job;
+            }
+            assert!(begun.elapsed() < WITHIN, "{job}");
+            std::thread::sleep(Duration::from_millis(100));
+        };
+        assert_eq!(ended["state"], "succeeded", "{ended}");
+        let inspections = get(&server.base, &token, "inspections?limit=200")["items"].as_array().unwrap().len();
+        let folders = std::fs::read_dir(data.path().join("inspections")).unwrap().count();
+        assert_eq!(
+            (inspections, folders),
+            (number + 1, number + 1),
+            "one inspection a job, and no folder without owner"
+        );
+    }
+    assert_eq!(std::fs::read_dir(data.path().join("work")).unwrap().count(), 0);
+}
+
+fn kill_the_client(kills: usize, frames_a_view: usize) {
+    let mut rng = ChaCha8Rng::seed_from_u64(13);
+    let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    recording(source.path(), frames_a_view, 60);
+    let token = token(data.path());
+    let server = Server::start(data.path(), free_port(), &[]);
+    let start = || Uploader::start(source.path(), &server.base, &token, &["--limit-mbit", "8"]);
+    for _ in 0..kills {
+        let mut uploader = start();
+        std::thread::sleep(Duration::from_millis(rng.random_range(20..500)));
+        uploader.kill();
+        let acknowledged = uploader.held();
+        let present = acquisition(&server, &token).map_or(0, |a| a["frames_present"].as_u64().unwrap());
+        assert!(present >= acknowledged);
+    }
+    let report = start().report(WITHIN);
+    assert_eq!(repeated_frames(&server.base, &token), 0, "frames were sent again that the service held");
+    assert_stored(data.path(), report["acquisition_id"].as_str().unwrap(), source.path(), frames_a_view);
+}
+
+#[test]
+fn a_killed_client_resumes_and_sends_nothing_again_that_was_acknowledged() {
+    kill_the_client(6, 100);
+}
+
+#[test]
+#[ignore = "the full figures: takes minutes"]
+fn full_a_client_killed_50_times_sends_nothing_again_that_was_acknowledged() {
+    kill_the_client(50, 600);
+}
+
+#[test]
+fn a_receipt_says_that_these_originals_may_be_deleted_and_no_others() {
+    let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    recording(source.path(), 5, 60);
+    let token = token(data.path());
+    let server = Server::start(data.path(), free_port(), &[]);
+    let receipt = source.path().join("receipt.json");
+    let uploaded =
+        Uploader::start(source.path(), &server.base, &token, &["--receipt", receipt.to_str().unwrap()]).report(WITHIN);
+    let verify = |more: &[&str]| {
+        let folder = source.path().to_str().unwrap();
+        let all = [&["verify-receipt", receipt.to_str().unwrap(), "--folder", folder], more].concat();
+        Command::new(PROGRAM).args(all).output().unwrap()
+    };
+    let key = get(&server.base, &token, "signing-key")["x"].as_str().unwrap().to_owned();
+    let good = verify(&["--key", &key]);
+    let said = String::from_utf8(good.stdout).unwrap();
+    assert!(good.status.success() && said.contains(uploaded["acquisition_id"].as_str().unwrap()), "{said}");
+    write_frame(source.path(), 1, 3, 61);
+    let other = verify(&[]);
+    assert_eq!(other.status.code(), Some(1));
+    assert!(String::from_utf8(other.stderr).unwrap().contains("keep the originals"));
+}
+
+#[test]
+fn two_clients_that_send_one_acquisition_make_one_set_of_frames() {
+    let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    recording(source.path(), 60, 100);
+    let token = token(data.path());
+    let server = Server::start(data.path(), free_port(), &[]);
+    let mut both = [0; 2].map(|_| Uploader::start(source.path(), &server.base, &token, &["--limit-mbit", "16"]));
+    let reports = both.each_mut().map(|uploader| uploader.report(WITHIN));
+    assert_eq!(reports[0]["acquisition_id"], reports[1]["acquisition_id"]);
+    assert_stored(data.path(), reports[0]["acquisition_id"].as_str().unwrap(), source.path(), 60);
+}
+
+#[test]
+fn a_recording_that_grows_is_sent_as_it_grows_and_completed_when_it_rests() {
+    let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    recording(source.path(), 0, 60);
+    let token = token(data.path());
+    let server = Server::start(data.path(), free_port(), &[]);
+    let watching = ["--watch", "--rests-s", "4", "--frame-rests-s", "1"];
+    let mut uploader = Uploader::start(source.path(), &server.base, &token, &watching);
+    for frame in 0..8 {
+        for view in 0..2 {
+            write_frame(source.path(), view, frame, 60);
+        }
+        std::thread::sleep(Duration::from_millis(300));
+        if frame == 5 {
+            let begun = Instant::now();
+            while uploader.held() == 0 {
+                assert!(begun.elapsed() < Duration::from_secs(20), "frames are sent while the recording grows");
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            // A laptop that reboots goes on under the same acquisition.
+            uploader.kill();
+            uploader = Uploader::start(source.path(), &server.base, &token, &watching);
+        }
+    }
+    let report = uploader.report(WITHIN);
+    assert_eq!(report["frames"], 16);
+    assert_stored(data.path(), report["acquisition_id"].as_str().unwrap(), source.path(), 8);
+}
