@@ -4,6 +4,7 @@ use super::aligner::{AlignerSpec, Measured, Views};
 use super::courses::{StrandCourses, joint_courses};
 use super::smoothing::Course;
 use super::wire_tracking::coherence;
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Why a stretch could not be aligned.
@@ -126,6 +127,7 @@ pub(super) fn estimate(
     };
     let fused = of(&fused_courses, None);
     let per_view = (0..here.views.len())
+        .into_par_iter()
         .map(|v| {
             if here.strands.views.get(v).is_none_or(|knots| knots.iter().all(|m| m.information <= 0.0)) {
                 return StretchEstimate { strand: None, wires: vec![None; n] };

@@ -89,6 +89,12 @@ impl Evidence {
         Self { block_lines, blocks, strands, places, sums: vec![0.0; len], counts: vec![0.0; len] }
     }
 
+    /// Sets the sum of scores of a place, and the number of its pixels.
+    pub(super) fn set(&mut self, at: usize, sum: f32, pixels: f32) {
+        self.sums[at] = sum;
+        self.counts[at] = pixels;
+    }
+
     /// Adds the score of one pixel.
     #[inline]
     pub(super) fn add(&mut self, at: usize, score: f32) {

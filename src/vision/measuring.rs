@@ -30,11 +30,11 @@ pub(super) fn measure(
             *wire = (prediction.at(middle_mm), prediction.rate_rad_per_mm);
         }
     }
-    for (view, model) in seen.views.iter_mut().zip(&views.models) {
+    seen.views.par_iter_mut().zip(&views.models).for_each(|(view, model)| {
         if view.image.lines() > 0 && view.contours.found() >= LEAST_FOUND {
             view.set_axis(model, rope, &reference);
         }
-    }
+    });
     let knots = reference.knots();
     for _ in 0..2 {
         let sums = register_views(rope, &views.models, &seen.views, &reference);

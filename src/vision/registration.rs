@@ -8,10 +8,9 @@ use super::contour::Contours;
 use super::image::GrayImage;
 use super::model_contour::ModelContour;
 use super::rope::Rope;
-use super::surface::wrap_rad;
 use super::template::{Template, normalised_line, phase_bin};
 use super::wire_pattern::{WirePattern, mean_phase};
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Every how many lines the image is registered: neighbouring lines tell nearly the same.
 pub const LINE_STRIDE: usize = 4;
@@ -137,10 +136,11 @@ pub(super) const CONTOUR_CUT_PX: f64 = 3.0;
 /// Phases in view of the strands that make the upper and the lower outline.
 pub(super) const SIDES_RAD: [f64; 2] = [FRAC_PI_2, -FRAC_PI_2];
 
-/// The strand that stands nearest to a side.
+/// The strand that stands nearest to a side, going by the regular places that the first one gives the others.
 pub(super) fn strand_at_side(phases_rad: &[f64], angle_rad: f64, side_rad: f64) -> usize {
-    let distance = |j: usize| wrap_rad(phases_rad[j] - angle_rad - side_rad).abs();
-    (0..phases_rad.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+    let n = phases_rad.len();
+    let steps = (angle_rad + side_rad - phases_rad[0]) / (TAU / n as f64);
+    (steps.round() as i64).rem_euclid(n as i64) as usize
 }
 
 /// Adds what the contours know: each shows the strand that stands at its side. `sums` and phases as in [`register`].

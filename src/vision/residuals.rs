@@ -35,6 +35,16 @@ pub struct Residuals {
     surface_cell: Vec<u32>,
 }
 
+/// Sums over the pixels of one place in one block, side by side in memory: every pixel adds to all of them.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    score: f32,
+    scored: f32,
+    deviation: f32,
+    expected: f32,
+    cell: u32,
+}
+
 /// What is judged of a place, beside its gray.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Factor {
@@ -57,8 +67,7 @@ impl Residuals {
         let lines = view.image.lines();
         let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
         let blocks = lines.div_ceil(block_lines);
-        let mut sums = vec![(0.0f32, 0.0f32); blocks * strands * places];
-        let mut surface_cell = vec![UNSEEN; sums.len()];
+        let mut sums = vec![Sums::default(); blocks * strands * places];
         let mut evidence = Evidence::empty(block_lines, blocks, strands, places);
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
         let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
@@ -68,21 +77,31 @@ impl Residuals {
             map.for_each(line, view.axis_px[line], |point| {
                 let bin = bins[usize::from(row[point.column])];
                 let place = place_of(point.wire_place, places);
-                let at = (block + point.strand) * places + place;
+                let sums = &mut sums[(block + point.strand) * places + place];
                 let score = gray.score(point.cell, bin);
                 if score.is_finite() {
-                    evidence.add(at, score);
+                    sums.score += score;
+                    sums.scored += 1.0;
                 }
                 let expected = gray.expected(point.cell);
                 if expected.is_finite() {
-                    let at = (point.strand * places + place) * blocks + line / block_lines;
-                    sums[at].0 += f32::from(bin) + 0.5 - expected;
-                    sums[at].1 += 1.0;
-                    surface_cell[at] = point.cell as u32;
+                    sums.deviation += f32::from(bin) + 0.5 - expected;
+                    sums.expected += 1.0;
+                    sums.cell = point.cell as u32;
                 }
             });
         }
-        let deviation = sums.iter().map(|(s, n)| if *n > 0.0 { s / n } else { f32::NAN }).collect();
+        let row = strands * places;
+        let mut deviation = vec![f32::NAN; sums.len()];
+        let mut surface_cell = vec![UNSEEN; sums.len()];
+        for (at, sums) in sums.into_iter().enumerate() {
+            evidence.set(at, sums.score, sums.scored);
+            if sums.expected > 0.0 {
+                let along = at % row * blocks + at / row;
+                deviation[along] = sums.deviation / sums.expected;
+                surface_cell[along] = sums.cell;
+            }
+        }
         (evidence, Self { block_lines, blocks, strands, places, deviation, surface_cell })
     }
 
