@@ -2,10 +2,11 @@
 
 use super::aligner::{AlignerSpec, LEAST_FOUND, Measured, Views};
 use super::courses::{StrandCourses, strand_courses, with};
-use super::lock::{LEAST_COHERENCE, search_wires};
+
 use super::outline_detail::OutlineDetail;
 use super::stretch::{Reference, axis_corrections_px, register_views, strand_knots};
 use super::unwrapping::{LINE_STRIDE, Stripes, read_stripes};
+use super::wire_lock::{LEAST_COHERENCE, search_wires};
 use super::wire_pattern::WirePattern;
 use super::wire_tracking::{WireKnot, WirePrediction, readings, wire_knots};
 use rayon::prelude::*;

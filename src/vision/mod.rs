@@ -114,5 +114,6 @@ pub mod unwrapping;
 pub mod wire;
 pub mod wire_alignment;
 pub mod wire_count;
+mod wire_lock;
 pub mod wire_pattern;
 pub mod wire_tracking;
