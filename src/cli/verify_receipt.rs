@@ -15,7 +15,8 @@ pub(crate) struct VerifyReceiptArgs {
     /// The receipt, as `ropescope upload --receipt` wrote it
     receipt: PathBuf,
     /// Public key of the service (`x` of GET /api/v1/signing-key); without it, the key in the receipt is shown for comparison
-    #[arg(long, value_name = "KEY")]
+    // One key of 64 begins with a hyphen: base64url has it as a digit.
+    #[arg(long, value_name = "KEY", allow_hyphen_values = true)]
     key: Option<String>,
     /// The folder with the originals: must hold exactly the frames of the receipt (of those that were sent as they are)
     #[arg(long, value_name = "DIR")]
@@ -57,4 +58,17 @@ fn manifest_digest(folder: &Path) -> anyhow::Result<String> {
         }
     }
     Ok(digest::of_manifest(frames.iter().map(|(view, number, sha256, bytes)| (*view, *number, &**sha256, *bytes))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::VerifyReceiptArgs;
+    use clap::Args;
+
+    #[test]
+    fn a_key_that_begins_with_a_hyphen_is_a_key() {
+        let command = VerifyReceiptArgs::augment_args(clap::Command::new("verify-receipt"));
+        let read = command.try_get_matches_from(["verify-receipt", "receipt.json", "--key", "-Zk_1", "--folder", "d"]);
+        assert_eq!(read.unwrap().get_one::<String>("key").map(String::as_str), Some("-Zk_1"));
+    }
 }

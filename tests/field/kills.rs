@@ -152,7 +152,7 @@ fn a_receipt_says_that_these_originals_may_be_deleted_and_no_others() {
     };
     let key = get(&server.base, &token, "signing-key")["x"].as_str().unwrap().to_owned();
     let good = verify(&["--key", &key]);
-    let said = String::from_utf8(good.stdout).unwrap();
+    let said = String::from_utf8([good.stdout, good.stderr].concat()).unwrap();
     assert!(good.status.success() && said.contains(uploaded["acquisition_id"].as_str().unwrap()), "{said}");
     write_frame(source.path(), 1, 3, 61);
     let other = verify(&[]);
