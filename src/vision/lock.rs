@@ -8,6 +8,7 @@ use super::fitting::fit_from;
 use super::measuring::measure;
 use super::model_contour::ModelContour;
 use super::outline_detail::DetailSums;
+use super::self_likeness::likest;
 use super::smoothing::Measurement;
 use super::stretch::{Reference, ViewModel};
 use super::template::{Template, TemplateSums};
@@ -39,6 +40,7 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
     if views.models.iter().all(|m| m.template.is_none()) {
         place_cameras(spec, &mut views, gathered);
         fit_all(&spec_now, &views.models, gathered)?;
+        sharpen(spec, &mut views, gathered);
         measure_all(spec, &mut views, gathered, &|_| unknown.clone());
         first_templates(spec, &mut views, gathered);
         if spec.rope.design().strand_lay_mm.is_none() && wrong_hand(&views) {
@@ -46,6 +48,7 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
             let lay = gathered.iter().find_map(|m| m.fit.ok()).map(|f| -TAU / f.rate_rad_per_mm)?;
             spec_now = spec.with_strand_lay(lay)?;
             fit_all(&spec_now, &views.models, gathered)?;
+            sharpen(&spec_now, &mut views, gathered);
             views.models.iter_mut().for_each(|m| m.template = None);
             measure_all(spec, &mut views, gathered, &|_| unknown.clone());
             first_templates(spec, &mut views, gathered);
@@ -118,6 +121,7 @@ fn view_model(spec: &AlignerSpec, gathered: &[Measured], v: usize, angle_rad: f6
         pattern: None,
         detail: None,
         noise_scale: 1.0,
+        contour_noise_scale: 1.0,
     }
 }
 
@@ -146,6 +150,29 @@ fn fit_all(spec: &AlignerSpec, models: &[ViewModel], gathered: &mut [Measured]) 
         follow(gathered, to + 1, to);
     }
     Some(())
+}
+
+/// Contours of fewer strand lays than this leave the rate to the picture.
+const FEW_LAYS: f64 = 1.5;
+/// Contours whose rate is off the picture's by more than this share are not trusted,
+const CONTRADICTION: f64 = 0.005;
+/// and their variance is raised by this. A photograph, not taken line by line, shows edge and near side at different scales.
+const CONTRADICTED_NOISE: f64 = 100.0;
+
+/// Where hardly a lay was seen, takes the rate from the picture.
+fn sharpen(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) {
+    let lays = |m: &Measured| m.fit.map_or(0.0, |f| f.rate_rad_per_mm.abs() / TAU * m.lines as f64 * spec.pitch_mm);
+    if gathered.iter().map(lays).sum::<f64>() >= FEW_LAYS {
+        return;
+    }
+    for measured in gathered {
+        let Ok(fit) = measured.fit else { continue };
+        let likest = likest(spec, &views.models, measured, fit);
+        measured.fit = Ok(likest);
+        if (likest.rate_rad_per_mm / fit.rate_rad_per_mm - 1.0).abs() > CONTRADICTION {
+            views.models.iter_mut().for_each(|m| m.contour_noise_scale = CONTRADICTED_NOISE);
+        }
+    }
 }
 
 /// The same straight course, with lines counted from another first line.

@@ -100,6 +100,7 @@ pub mod render;
 pub mod residuals;
 pub mod rope;
 pub mod scoring;
+mod self_likeness;
 pub mod simplex;
 pub mod smoothing;
 pub mod strand;

@@ -15,7 +15,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 /// Every how many lines the image is registered: neighbouring lines tell nearly the same.
 pub const LINE_STRIDE: usize = 4;
 /// Differences from the template beyond this (in units of the line's mean gray) are dirt, highlights or defects, and are cut.
-const CUT: f32 = 0.35;
+pub(super) const CUT: f32 = 0.35;
 /// Strands nearer to the outline than this phase are not registered in this view: they are narrow and badly lit.
 const FARTHEST_RAD: f64 = 1.35;
 

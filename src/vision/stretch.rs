@@ -171,6 +171,8 @@ pub struct ViewModel {
     pub detail: Option<OutlineDetail>,
     /// Factor on the registration's variance, found from residuals.
     pub noise_scale: f64,
+    /// Factor on the contours' variance, raised where the picture contradicts them.
+    pub contour_noise_scale: f64,
 }
 
 impl ViewStretch {
@@ -253,7 +255,7 @@ pub fn strand_knots(
             let (squares, pixels) = knots.iter().fold((0.0, 0.0), |(s, p), k| (s + k.squares, p + k.pixels));
             let variance =
                 (squares / pixels.max(1.0)).max(1e-6) * reference.pixels_per_independent() * models[v].noise_scale;
-            let contour_variance = contour_variance_px2(knots);
+            let contour_variance = contour_variance_px2(knots) * models[v].contour_noise_scale;
             let mut measured = vec![Measurement::default(); reference.knots() * n];
             for (k, knot) in knots.iter().enumerate() {
                 let mean = reference.mean_phase_rad(reference.knot_middle(k));
