@@ -7,10 +7,11 @@ use super::{Acquisition, PipelineError};
 use crate::vision::aligner::AlignedStretch;
 use crate::vision::camera::Camera;
 use crate::vision::defects::{AlarmBuilder, Defect, merge};
-use crate::vision::evidence::{PLACES_PER_WIRE, block_lines, place_of};
+use crate::vision::evidence::block_lines;
 use crate::vision::image::GrayImage;
 use crate::vision::inspection_model::AlignedView;
 use crate::vision::scoring::{StretchScores, join_views};
+use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
 
 /// Score at which a likelihood map turns black; 0 and less are white. One scale for every model and view.
@@ -133,7 +134,7 @@ fn alarmed_columns(
     let (strand, place) = scores.peaks[block];
     let limit = threshold.min(scores.cells[row + strand * scores.places + place]);
     seen.surface_map().for_each(line, seen.view.axis_px[line], |point| {
-        let cell = row + point.strand * scores.places + place_of(point.wire_place, scores.places);
+        let cell = row + point.strand * scores.places + point.place;
         if scores.cells[cell] >= limit {
             columns =
                 Some(columns.map_or((point.column, point.column), |(a, b)| (a.min(point.column), b.max(point.column))));
@@ -151,7 +152,7 @@ fn likelihood_map(seen: &AlignedView<'_>, scores: &StretchScores) -> GrayImage {
         let row = line / scores.block_lines * seen.rope.strands() * scores.places;
         let target = image.line_mut(line);
         map.for_each(line, seen.view.axis_px[line], |point| {
-            let score = scores.cells[row + point.strand * scores.places + place_of(point.wire_place, scores.places)];
+            let score = scores.cells[row + point.strand * scores.places + point.place];
             if score.is_finite() {
                 target[point.column] = (255.0 * (1.0 - score / BLACK_AT_SCORE).clamp(0.0, 1.0)) as u8;
             }

@@ -11,10 +11,8 @@ use super::histogram::Histogram;
 use super::residuals::{Factor, Residuals};
 use super::rope::Rope;
 use super::stretch::ViewStretch;
-use super::surface_map::SurfaceMap;
+use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
 
-/// Places per wire.
-pub const PLACES_PER_WIRE: usize = 5;
 /// Length of a block along the rope in mm: finer than the smallest gap of interest.
 pub const BLOCK_MM: f64 = 0.5;
 
@@ -103,71 +101,64 @@ impl Evidence {
     }
 
     /// Sums across so many wires about every place: the half of a filter that filters of one width share.
-    pub fn across(&self, wires: f64) -> Across<'_> {
+    pub fn across(&self, wires: f64) -> Across {
         let half_places = ((wires * PLACES_PER_WIRE as f64 - 1.0) / 2.0).round().max(0.0) as usize;
-        let mut cells = vec![(0.0f32, 0.0f32); self.sums.len()];
-        for strand in 0..self.blocks * self.strands {
-            let at = strand * self.places;
-            let (sums, counts) = (&self.sums[at..at + self.places], &self.counts[at..at + self.places]);
-            // Places are cyclic.
-            let (mut s, mut n) = (0.0, 0.0);
-            for k in 0..=2 * half_places {
-                let place = (k + self.places - half_places) % self.places;
-                s += sums[place];
-                n += counts[place];
+        let summed = |of: &[f32]| {
+            let mut cells = vec![0.0f32; of.len()];
+            let mut row = vec![0.0f32; self.places + 2 * half_places];
+            for (from, to) in of.chunks_exact(self.places).zip(cells.chunks_exact_mut(self.places)) {
+                // Places are cyclic.
+                let (before, rest) = row.split_at_mut(half_places);
+                let (middle, after) = rest.split_at_mut(self.places);
+                before.copy_from_slice(&from[self.places - half_places..]);
+                middle.copy_from_slice(from);
+                after.copy_from_slice(&from[..half_places]);
+                for shift in 0..=2 * half_places {
+                    to.iter_mut().zip(&row[shift..]).for_each(|(sum, value)| *sum += value);
+                }
             }
-            for place in 0..self.places {
-                cells[at + place] = (s, n);
-                let leave = (place + self.places - half_places) % self.places;
-                let enter = (place + half_places + 1) % self.places;
-                s += sums[enter] - sums[leave];
-                n += counts[enter] - counts[leave];
-            }
+            cells
+        };
+        Across {
+            block_lines: self.block_lines,
+            row: self.strands * self.places,
+            sums: summed(&self.sums),
+            pixels: summed(&self.counts),
         }
-        Across { evidence: self, cells }
     }
 }
 
 /// Evidence summed across the wires, still to be summed along them.
 #[derive(Debug)]
-pub struct Across<'a> {
-    evidence: &'a Evidence,
-    cells: Vec<(f32, f32)>,
+pub struct Across {
+    block_lines: usize,
+    /// Cells of a block.
+    row: usize,
+    sums: Vec<f32>,
+    pixels: Vec<f32>,
 }
 
-impl Across<'_> {
-    /// Calls `each` with (index of the cell, sum of scores, number of pixels) for every cell, summed over `length_mm` about it.
-    pub fn along(&self, length_mm: f64, pitch_mm: f64, mut each: impl FnMut(usize, f32, f32)) {
-        let Evidence { block_lines, blocks, strands, places, .. } = *self.evidence;
-        let half_blocks = ((length_mm / (block_lines as f64 * pitch_mm) - 1.0) / 2.0).round().max(0.0) as usize;
-        let row = strands * places;
-        let mut running = vec![(0.0f64, 0.0f64); row];
+impl Across {
+    /// Calls `each` for every block with (index of its first cell, sums of scores, numbers of pixels) of its cells, summed over
+    /// `length_mm` along the rope about it.
+    pub fn along(&self, length_mm: f64, pitch_mm: f64, mut each: impl FnMut(usize, &[f32], &[f32])) {
+        let half_blocks = ((length_mm / (self.block_lines as f64 * pitch_mm) - 1.0) / 2.0).round().max(0.0) as usize;
+        let blocks = self.sums.len() / self.row;
+        let mut sums = vec![0.0f32; self.row];
+        let mut pixels = vec![0.0f32; self.row];
         for block in 0..blocks + half_blocks {
+            let cells = |block: usize| block * self.row..(block + 1) * self.row;
             if block < blocks {
-                for (r, a) in running.iter_mut().zip(&self.cells[block * row..(block + 1) * row]) {
-                    r.0 += f64::from(a.0);
-                    r.1 += f64::from(a.1);
-                }
+                sums.iter_mut().zip(&self.sums[cells(block)]).for_each(|(sum, new)| *sum += new);
+                pixels.iter_mut().zip(&self.pixels[cells(block)]).for_each(|(sum, new)| *sum += new);
             }
-            if block > 2 * half_blocks {
-                let gone = block - 2 * half_blocks - 1;
-                for (r, a) in running.iter_mut().zip(&self.cells[gone * row..(gone + 1) * row]) {
-                    r.0 -= f64::from(a.0);
-                    r.1 -= f64::from(a.1);
-                }
+            if let Some(gone) = block.checked_sub(2 * half_blocks + 1) {
+                sums.iter_mut().zip(&self.sums[cells(gone)]).for_each(|(sum, old)| *sum -= old);
+                pixels.iter_mut().zip(&self.pixels[cells(gone)]).for_each(|(sum, old)| *sum -= old);
             }
-            if block >= half_blocks {
-                let middle = (block - half_blocks) * row;
-                for (k, r) in running.iter().enumerate() {
-                    each(middle + k, r.0 as f32, r.1 as f32);
-                }
+            if let Some(middle) = block.checked_sub(half_blocks) {
+                each(middle * self.row, &sums, &pixels);
             }
         }
     }
-}
-
-/// Place of a pixel among the places of a strand.
-#[inline]
-pub fn place_of(wire_place: f32, places: usize) -> usize {
-    ((wire_place + 0.5) * PLACES_PER_WIRE as f32) as usize % places
 }

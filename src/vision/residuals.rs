@@ -8,11 +8,11 @@
 use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
 use super::estimates::Estimates;
-use super::evidence::{Evidence, PLACES_PER_WIRE, place_of};
+use super::evidence::Evidence;
 use super::histogram::GRAY_BINS;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
-use super::surface_map::SurfaceMap;
+use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
 
 /// Cells of the grid that no pixel fell into.
 const UNSEEN: u32 = u32::MAX;
@@ -76,8 +76,7 @@ impl Residuals {
             let block = line / block_lines * strands;
             map.for_each(line, view.axis_px[line], |point| {
                 let bin = bins[usize::from(row[point.column])];
-                let place = place_of(point.wire_place, places);
-                let sums = &mut sums[(block + point.strand) * places + place];
+                let sums = &mut sums[(block + point.strand) * places + point.place];
                 let score = gray.score(point.cell, bin);
                 if score.is_finite() {
                     sums.score += score;

@@ -23,20 +23,22 @@ pub struct FilterCalibration {
 }
 
 impl FilterCalibration {
-    fn normalised(&self, sum: f32, pixels: f32) -> f64 {
-        let n = f64::from(pixels);
-        f64::from(sum) / (n + self.shared * n * n).sqrt()
+    #[inline]
+    fn normalised(&self, sum: f32, pixels: f32) -> f32 {
+        sum / (pixels + self.shared as f32 * pixels * pixels).sqrt()
     }
 
-    /// The score of a sum: minus the decimal logarithm of how often intact rope exceeds it. `None` if too few pixels fell in.
-    #[inline]
-    pub fn score(&self, sum: f32, pixels: f32) -> Option<f32> {
-        if pixels < LEAST_SHARE * self.pixels as f32 {
-            return None;
+    /// Raises `highest` to the scores of sums: minus the decimal logarithm of how often intact rope exceeds them. Where too few
+    /// pixels fell in, nothing is said.
+    pub fn raise(&self, highest: &mut [f32], sums: &[f32], pixels: &[f32]) {
+        let least = LEAST_SHARE * self.pixels as f32;
+        let per_decade = 1.0 / (self.one_in_1000 - self.one_in_100).max(0.05) as f32;
+        let from = 2.0 - self.one_in_100 as f32 * per_decade;
+        for ((highest, &sum), &n) in highest.iter_mut().zip(sums).zip(pixels) {
+            let score = from + self.normalised(sum, n) * per_decade;
+            let judged = if n >= least { score } else { UNJUDGED };
+            *highest = if judged > *highest { judged } else { *highest };
         }
-        let z = self.normalised(sum, pixels);
-        let decade = (self.one_in_1000 - self.one_in_100).max(0.05);
-        Some((2.0 + (z - self.one_in_100) / decade) as f32)
     }
 }
 
@@ -61,10 +63,10 @@ impl CalibrationSums {
     /// Adds a stretch of intact rope.
     pub fn add(&mut self, evidence: &Evidence, pitch_mm: f64) {
         for (samples, filter) in self.samples.iter_mut().zip(FILTERS) {
-            evidence.across(filter.wires).along(filter.length_mm, pitch_mm, |at, sum, pixels| {
-                if at % SAMPLE_STRIDE == 0 && pixels > 0.0 {
-                    samples.push((sum, pixels));
-                }
+            evidence.across(filter.wires).along(filter.length_mm, pitch_mm, |first, sums, pixels| {
+                let sampled = |(at, n): (usize, f32)| at % SAMPLE_STRIDE == 0 && n > 0.0;
+                let cells = sums.iter().zip(pixels).enumerate();
+                samples.extend(cells.filter(|(k, (_, n))| sampled((first + k, **n))).map(|(_, (&s, &n))| (s, n)));
             });
         }
     }
@@ -91,7 +93,7 @@ fn calibrate(samples: &mut Vec<(f32, f32)>) -> Option<FilterCalibration> {
     let typical = quantile(&mut samples.iter().map(|s| s.1).collect(), 0.5);
     let shared = (spread * spread - 1.0 / typical).max(0.0);
     let mut calibration = FilterCalibration { shared, pixels, one_in_100: 0.0, one_in_1000: 0.0 };
-    let mut z: Vec<f32> = samples.iter().map(|s| calibration.normalised(s.0, s.1) as f32).collect();
+    let mut z: Vec<f32> = samples.iter().map(|s| calibration.normalised(s.0, s.1)).collect();
     calibration.one_in_100 = quantile(&mut z, 0.99);
     calibration.one_in_1000 = quantile(&mut z, 0.999);
     Some(calibration)
@@ -128,37 +130,35 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
         };
     };
     let row = first.strands * first.places;
-    let mut cells = vec![f32::NAN; first.blocks * row];
+    let mut cells = vec![UNJUDGED; first.blocks * row];
     let mut support = vec![0.0f32; cells.len()];
     for (evidence, calibration) in factors {
-        let mut factor = vec![f32::NAN; cells.len()];
-        let mut across: Option<(f64, Across<'_>)> = None;
+        let mut factor = vec![UNJUDGED; cells.len()];
+        let mut across: Option<(f64, Across)> = None;
         for (filter, calibration) in FILTERS.into_iter().zip(*calibration) {
             // Filters of one width stand side by side and share their sums across the wires.
             let (_, summed) = match across.take() {
                 Some(kept) if kept.0 == filter.wires => across.insert(kept),
                 _ => across.insert((filter.wires, evidence.across(filter.wires))),
             };
-            summed.along(filter.length_mm, pitch_mm, |at, sum, pixels| {
-                if let Some(score) = calibration.score(sum, pixels) {
-                    factor[at] = factor[at].max(score); // f32::max takes the number where the other is NaN
-                }
+            summed.along(filter.length_mm, pitch_mm, |first, sums, pixels| {
+                calibration.raise(&mut factor[first..first + row], sums, pixels);
             });
         }
         for ((cell, support), score) in cells.iter_mut().zip(&mut support).zip(factor) {
-            if score.is_finite() {
-                // The lesser of the two supports the greater, as far as it is unusual itself.
-                let lesser = if cell.is_nan() { f32::NEG_INFINITY } else { cell.min(score) };
-                *support += SUPPORT * (lesser - USUAL).max(0.0);
-                *cell = cell.max(score);
-            }
+            // The lesser of the two supports the greater, as far as it is unusual itself.
+            let (lesser, greater) = if score < *cell { (score, *cell) } else { (*cell, score) };
+            *support += SUPPORT * (lesser - USUAL).max(0.0);
+            *cell = greater;
         }
     }
     for (cell, support) in cells.iter_mut().zip(&support) {
-        *cell += support;
+        *cell = if *cell == UNJUDGED { f32::NAN } else { *cell + support };
     }
     let mut seen = vec![false; cells.len()];
-    first.across(SEEN.wires).along(SEEN.length_mm, pitch_mm, |at, _, pixels| seen[at] = pixels > 0.0);
+    first.across(SEEN.wires).along(SEEN.length_mm, pitch_mm, |first, _, pixels| {
+        seen[first..first + row].iter_mut().zip(pixels).for_each(|(seen, &n)| *seen = n > 0.0);
+    });
     let mut scores = StretchScores {
         cells,
         seen,
@@ -171,6 +171,8 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
     scores
 }
 
+/// Score of cells that no filter judged, while scores are gathered.
+const UNJUDGED: f32 = f32::NEG_INFINITY;
 /// What an unusual finding of one factor adds to a greater one of another: factors share pixels, so they are not independent.
 const SUPPORT: f32 = 0.5;
 /// Score up to which a finding is usual: one place in ten has it.

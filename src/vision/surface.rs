@@ -3,6 +3,7 @@
 use super::camera::Camera;
 use super::rope::Rope;
 use super::strand::on_circle;
+use std::f64::consts::{PI, TAU};
 
 /// Outlines narrower than this are not worth their registration error, in px.
 const NARROWEST_PX: f64 = 3.0;
@@ -41,27 +42,85 @@ impl StrandSpan {
     }
 }
 
+/// Adding and taking away this rounds a number to the nearest whole one, without a call.
+const ROUNDS: f64 = 1.5 * (1u64 << 52) as f64;
+
 /// An angle in (-pi, pi].
 pub fn wrap_rad(angle_rad: f64) -> f64 {
-    use std::f64::consts::{PI, TAU};
-    let wrapped = (angle_rad + PI).rem_euclid(TAU) - PI;
-    if wrapped == -PI { PI } else { wrapped }
+    let turns = (angle_rad * (1.0 / TAU) + ROUNDS) - ROUNDS;
+    let wrapped = angle_rad - turns * TAU;
+    if wrapped <= -PI { wrapped + TAU } else { wrapped.min(PI) }
+}
+
+/// Outline of a strand in a view: where it begins and ends, and the angle at which it is seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Outline {
+    from_px: f64,
+    to_px: f64,
+    sight_rad: f64,
+}
+
+impl Outline {
+    fn new(rope: &Rope, camera: &Camera, phase_in_view_rad: f64) -> Self {
+        let (y, z) = on_circle(rope.strand_curve_radius_mm(), phase_in_view_rad);
+        let (from_px, to_px) = camera.outline_px(y, z, rope.strand_radius_mm());
+        Self { from_px, to_px, sight_rad: (y / (camera.distance_mm + z)).atan() }
+    }
+}
+
+/// The outlines that strands have in one view, by their phase: read from a table, for every line of a recording asks.
+#[derive(Debug, Clone)]
+pub struct Outlines {
+    angle_rad: f64,
+    table: Vec<Outline>,
+}
+
+/// Entries over a turn: between them outlines are straight to 1e-3 px.
+const OUTLINES: usize = 1024;
+
+impl Outlines {
+    /// The outlines of a rope's strands as a camera sees them.
+    pub fn new(rope: &Rope, camera: &Camera) -> Self {
+        let phase = |k: usize| TAU * k as f64 / OUTLINES as f64 - PI;
+        let table = (0..=OUTLINES).map(|k| Outline::new(rope, camera, phase(k))).collect();
+        Self { angle_rad: camera.angle_rad, table }
+    }
+
+    /// The visible spans of all strands, from small to large columns; `phases_rad[j]` in rope axes.
+    pub fn visible_spans(&self, phases_rad: &[f64], spans: &mut Vec<StrandSpan>) {
+        find_visible(self.angle_rad, phases_rad, spans, |phase_in_view_rad| {
+            let at = (phase_in_view_rad + PI) * (OUTLINES as f64 / TAU);
+            let k = (at as usize).min(OUTLINES - 1);
+            let (a, b, share) = (self.table[k], self.table[k + 1], at - k as f64);
+            let mix = |a: f64, b: f64| a + share * (b - a);
+            Outline {
+                from_px: mix(a.from_px, b.from_px),
+                to_px: mix(a.to_px, b.to_px),
+                sight_rad: mix(a.sight_rad, b.sight_rad),
+            }
+        });
+    }
 }
 
 /// The visible spans of all strands, from small to large columns; `phases_rad[j]` in rope axes.
 pub fn visible_spans(rope: &Rope, camera: &Camera, phases_rad: &[f64], spans: &mut Vec<StrandSpan>) {
+    find_visible(camera.angle_rad, phases_rad, spans, |phase_in_view_rad| {
+        Outline::new(rope, camera, phase_in_view_rad)
+    });
+}
+
+fn find_visible(angle_rad: f64, phases_rad: &[f64], spans: &mut Vec<StrandSpan>, outline: impl Fn(f64) -> Outline) {
     spans.clear();
     let mut order: [(f64, usize); 8] = [(0.0, 0); 8];
     let n = phases_rad.len().min(order.len());
     for (j, &phase_rad) in phases_rad.iter().take(n).enumerate() {
-        order[j] = (wrap_rad(camera.phase_in_view(phase_rad)), j);
+        order[j] = (wrap_rad(phase_rad - angle_rad), j);
     }
     order[..n].sort_by(|a, b| a.0.abs().total_cmp(&b.0.abs())); // nearest first
     // Nearer strands hide: what is covered so far is always one interval, as neighbours overlap or touch.
     let mut covered: Option<(f64, f64)> = None;
     for &(phase_in_view_rad, strand) in &order[..n] {
-        let (y, z) = on_circle(rope.strand_curve_radius_mm(), phase_in_view_rad);
-        let (outline_from, outline_to) = camera.outline_px(y, z, rope.strand_radius_mm());
+        let Outline { from_px: outline_from, to_px: outline_to, sight_rad } = outline(phase_in_view_rad);
         let (from_px, to_px) = match covered {
             None => (outline_from, outline_to),
             Some((low, high)) if phase_in_view_rad > 0.0 => (outline_from.max(high), outline_to.max(low)),
@@ -75,7 +134,7 @@ pub fn visible_spans(rope: &Rope, camera: &Camera, phases_rad: &[f64], spans: &m
                 to_px,
                 middle_px: (outline_from + outline_to) / 2.0,
                 half_px: (outline_to - outline_from) / 2.0,
-                sight_rad: (y / (camera.distance_mm + z)).atan(),
+                sight_rad,
             });
         }
         covered = Some(

@@ -8,8 +8,10 @@ use super::camera::Camera;
 use super::estimates::Estimates;
 use super::histogram::{DISTANCE_BINS, STRAND_BINS, WIRE_BINS, cell};
 use super::rope::Rope;
-use super::surface::{StrandSpan, visible_spans};
+use super::surface::{Outlines, StrandSpan, wrap_rad};
 
+/// Places per wire, across its course, that the unrolled rope is divided into.
+pub const PLACES_PER_WIRE: usize = 5;
 /// Strand phases in view that are parametrised, to either side, in rad.
 pub const STRAND_RANGE_RAD: f64 = 1.9;
 /// Wire phases in view that are parametrised, to either side, in rad.
@@ -32,34 +34,55 @@ pub struct SurfacePoint {
     pub cell: usize,
     /// Place among the wires of the strand, in [0, M): whole numbers are wire centres, constant along a wire.
     pub wire_place: f32,
+    /// The same as one of the M * [`PLACES_PER_WIRE`] places of the unrolled strand.
+    pub place: usize,
+}
+
+/// The pixels that one strand fills in a line.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    strand: usize,
+    from: usize,
+    to: usize,
 }
 
 /// Maps the lines of a stretch, as one view sees it, to the surface of the rope.
 pub struct SurfaceMap<'a> {
     rope: &'a Rope,
-    camera: &'a Camera,
+    angle_rad: f64,
     estimates: &'a Estimates,
     width_px: usize,
+    outlines: Outlines,
     arcsine: Vec<f32>,
     phases: Vec<f64>,
     wires: Vec<f64>,
     spans: Vec<StrandSpan>,
+    /// Of every pixel of the line: surface angle, then what follows from it.
+    psi_rad: Vec<f32>,
+    cells: Vec<u32>,
+    wire_places: Vec<f32>,
+    places: Vec<u32>,
 }
 
 impl<'a> SurfaceMap<'a> {
     /// A map for images of `width_px` columns.
-    pub fn new(rope: &'a Rope, camera: &'a Camera, estimates: &'a Estimates, width_px: usize) -> Self {
+    pub fn new(rope: &'a Rope, camera: &Camera, estimates: &'a Estimates, width_px: usize) -> Self {
         let arcsine = (0..TABLE).map(|k| (2.0 * (k as f64 + 0.5) / TABLE as f64 - 1.0).asin() as f32).collect();
         let n = rope.strands();
         Self {
             rope,
-            camera,
+            angle_rad: camera.angle_rad,
             estimates,
             width_px,
+            outlines: Outlines::new(rope, camera),
             arcsine,
             phases: vec![0.0; n],
             wires: vec![0.0; n],
             spans: Vec::new(),
+            psi_rad: vec![0.0; width_px],
+            cells: vec![0; width_px],
+            wire_places: vec![0.0; width_px],
+            places: vec![0; width_px],
         }
     }
 
@@ -69,7 +92,7 @@ impl<'a> SurfaceMap<'a> {
         let knot_lines = self.estimates.knot_lines;
         let knots = self.estimates.strand_phases_rad.len() / n;
         let at = (line as f64 - (knot_lines as f64 - 1.0) / 2.0) / knot_lines as f64;
-        let a = (at.floor().max(0.0) as usize).min(knots.saturating_sub(2));
+        let a = (at.max(0.0) as usize).min(knots.saturating_sub(2));
         let b = (a + 1).min(knots - 1);
         // Beyond the outer knots the courses go on straight.
         let share = at - a as f64;
@@ -83,44 +106,81 @@ impl<'a> SurfaceMap<'a> {
     /// Calls `each` for every pixel of a line whose surface point is known. `axis_px` is the column of the rope axis.
     pub fn for_each(&mut self, line: usize, axis_px: f32, mut each: impl FnMut(SurfacePoint)) {
         self.courses_at(line);
-        visible_spans(self.rope, self.camera, &self.phases, &mut self.spans);
-        let step = self.rope.wire_step_rad() as f32;
-        let wires = self.rope.wires() as f32;
-        for span in &self.spans {
-            let wire_phase = self.wires[span.strand];
-            if wire_phase.is_nan() || span.phase_in_view_rad.abs() >= STRAND_RANGE_RAD {
-                continue;
-            }
-            let low = (span.from_px + BORDER_PX).max(span.middle_px - EDGE * span.half_px) + f64::from(axis_px);
-            let high = (span.to_px - BORDER_PX).min(span.middle_px + EDGE * span.half_px) + f64::from(axis_px);
-            let from = (low.ceil().max(0.0) as usize).min(self.width_px);
-            let to = (high.floor().max(0.0) as usize).clamp(from, self.width_px);
-            let strand_share = (span.phase_in_view_rad / STRAND_RANGE_RAD + 1.0) / 2.0;
-            let strand_bin = ((strand_share * STRAND_BINS as f64) as usize).min(STRAND_BINS - 1);
-            let scale = (TABLE as f64 / (2.0 * span.half_px)) as f32;
-            let offset = TABLE as f32 / 2.0 - (f64::from(axis_px) + span.middle_px) as f32 * scale;
-            let sight = span.sight_rad as f32;
-            // Wire phase in view, reduced so that f32 keeps its digits.
-            let in_view = (wire_phase - self.camera.angle_rad).rem_euclid(std::f64::consts::TAU) as f32;
-            let wire_scale = WIRE_BINS as f32 / (2.0 * WIRE_RANGE_RAD as f32);
-            for column in from..to {
-                let entry = ((column as f32 * scale + offset) as usize).min(TABLE - 1);
-                let psi = self.arcsine[entry] - sight;
-                let place = (psi - in_view) / step;
-                let wire = (place + 1024.5) as i32 - 1024; // nearest wire, without a call to floor
-                let distance = place - wire as f32; // in [-0.5, 0.5)
-                let centre = psi - distance * step;
-                let wire_bin =
-                    ((centre + WIRE_RANGE_RAD as f32) * wire_scale).clamp(0.0, WIRE_BINS as f32 - 1.0) as usize;
-                let distance_bin = (((distance + 0.5) * DISTANCE_BINS as f32) as usize).min(DISTANCE_BINS - 1);
-                let wire_place = if place < 0.0 { place + wires } else { place };
-                each(SurfacePoint {
-                    column,
-                    strand: span.strand,
-                    cell: cell(strand_bin, wire_bin, distance_bin),
-                    wire_place: if wire_place < 0.0 { wire_place + wires } else { wire_place },
-                });
+        self.outlines.visible_spans(&self.phases, &mut self.spans);
+        for s in 0..self.spans.len() {
+            let Some(Run { strand, from, to }) = self.map_span(self.spans[s], f64::from(axis_px)) else { continue };
+            let looked_up = self.cells[from..to].iter().zip(&self.wire_places[from..to]).zip(&self.places[from..to]);
+            for (column, ((&cell, &wire_place), &place)) in (from..to).zip(looked_up) {
+                each(SurfacePoint { column, strand, cell: cell as usize, wire_place, place: place as usize });
             }
         }
     }
+
+    /// Maps the pixels of a strand. Plain loops over slices, without calls or branches: a recording has 10^9 such pixels.
+    fn map_span(&mut self, span: StrandSpan, axis_px: f64) -> Option<Run> {
+        let wire_phase = self.wires[span.strand];
+        if wire_phase.is_nan() || span.phase_in_view_rad.abs() >= STRAND_RANGE_RAD {
+            return None;
+        }
+        let low = (span.from_px + BORDER_PX).max(span.middle_px - EDGE * span.half_px) + axis_px;
+        let high = (span.to_px - BORDER_PX).min(span.middle_px + EDGE * span.half_px) + axis_px;
+        let from = (low.ceil().max(0.0) as usize).min(self.width_px);
+        let to = (high.max(0.0) as usize).clamp(from, self.width_px);
+        let strand_share = (span.phase_in_view_rad / STRAND_RANGE_RAD + 1.0) / 2.0;
+        let strand_bin = ((strand_share * STRAND_BINS as f64) as usize).min(STRAND_BINS - 1);
+
+        let scale = (TABLE as f64 / (2.0 * span.half_px)) as f32;
+        let first = ((from as f64 - axis_px - span.middle_px) * f64::from(scale)) as f32 + TABLE as f32 / 2.0;
+        let sight = span.sight_rad as f32;
+        for (k, psi) in self.psi_rad[from..to].iter_mut().enumerate() {
+            let entry = whole((first + k as f32 * scale).min(TABLE as f32 - 1.0)) as usize;
+            *psi = self.arcsine[entry & (TABLE - 1)] - sight;
+        }
+
+        let step = self.rope.wire_step_rad() as f32;
+        let per_step = 1.0 / step;
+        let wires = self.rope.wires() as f32;
+        let all_places = wires * PLACES_PER_WIRE as f32;
+        // Wire phase in view, reduced so that f32 keeps its digits.
+        let in_view = wrap_rad(wire_phase - self.angle_rad) as f32;
+        let wire_scale = WIRE_BINS as f32 / (2.0 * WIRE_RANGE_RAD as f32);
+        let base = cell(strand_bin, 0, 0) as u32;
+        let targets = self.cells[from..to].iter_mut().zip(&mut self.wire_places[from..to]);
+        let targets = targets.zip(&mut self.places[from..to]);
+        for (&psi, ((to_cell, to_wire_place), to_place)) in self.psi_rad[from..to].iter().zip(targets) {
+            let at = (psi - in_view) * per_step;
+            let distance = at - nearest(at); // to the nearest wire, in [-0.5, 0.5]
+            let centre = psi - distance * step;
+            let wire_bin = whole(within((centre + WIRE_RANGE_RAD as f32) * wire_scale, WIRE_BINS as f32 - 0.5));
+            let distance_bin = whole(within((distance + 0.5) * DISTANCE_BINS as f32, DISTANCE_BINS as f32 - 0.5));
+            *to_cell = base + wire_bin * DISTANCE_BINS as u32 + distance_bin;
+            let turned = if at < 0.0 { at + wires } else { at };
+            *to_wire_place = turned;
+            let place = (turned + 0.5) * PLACES_PER_WIRE as f32;
+            *to_place = whole(within(if place >= all_places { place - all_places } else { place }, all_places - 0.5));
+        }
+        Some(Run { strand: span.strand, from, to })
+    }
+}
+
+/// Adding and taking away this rounds small numbers to the nearest whole one.
+const ROUNDS: f32 = 1.5 * (1u32 << 23) as f32;
+
+#[inline]
+fn nearest(value: f32) -> f32 {
+    (value + ROUNDS) - ROUNDS
+}
+
+/// The number, at least 0 and at most `most`. (Not `clamp`: that keeps NaN, which costs a branch and does not occur.)
+#[inline]
+fn within(value: f32, most: f32) -> f32 {
+    let raised = if value > 0.0 { value } else { 0.0 };
+    if raised < most { raised } else { most }
+}
+
+/// The whole part of a number of at least 0 and below 2^22, without a conversion that minds what is out of range.
+#[inline]
+fn whole(value: f32) -> u32 {
+    let shifted = if value > 0.5 { value - 0.5 } else { 0.0 };
+    (shifted + (1u32 << 23) as f32).to_bits() & 0x007f_ffff
 }
