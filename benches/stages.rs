@@ -17,6 +17,7 @@ use ropescope::vision::histogram::Histogram;
 use ropescope::vision::image::GrayImage;
 use ropescope::vision::registration::register;
 use ropescope::vision::residuals::Residuals;
+use ropescope::vision::surface::Outlines;
 use ropescope::vision::template::{Template, TemplateSums};
 use ropescope::vision::unwrapping::{StripeTable, read_stripes};
 use std::hint::black_box;
@@ -95,6 +96,7 @@ fn stages(criterion: &mut Criterion) {
     let phases = phases(estimates, rope.strands());
     let unknown_wires = |_: usize, out: &mut [f64]| out.fill(f64::NAN);
     let table = StripeTable::new(rope.wires());
+    let outlines = Outlines::new(rope, camera);
 
     let mut group = criterion.benchmark_group("stages");
     group.throughput(Throughput::Elements(view.image.lines() as u64)).sample_size(20);
@@ -106,7 +108,9 @@ fn stages(criterion: &mut Criterion) {
         });
     });
     group.bench_function("stripes", |b| {
-        b.iter(|| read_stripes(rope, camera, template, &table, black_box(&view.image), &view.axis_px, phases));
+        b.iter(|| {
+            read_stripes(rope, camera, &outlines, template, &table, black_box(&view.image), &view.axis_px, phases)
+        });
     });
     group.bench_function("learning", |b| b.iter(|| learn(rope, camera, estimates, black_box(view), &mut histogram)));
     let blocks = block_lines(known.spec.pitch_mm);

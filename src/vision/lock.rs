@@ -11,6 +11,7 @@ use super::outline_detail::DetailSums;
 use super::self_likeness::likest;
 use super::smoothing::Measurement;
 use super::stretch::{Reference, ViewModel};
+use super::surface::Outlines;
 use super::template::{Template, TemplateSums};
 use super::unwrapping::{LINE_STRIDE, StripeTable};
 use super::wire_lock::{learn_patterns, lock_wires};
@@ -117,6 +118,7 @@ fn view_model(spec: &AlignerSpec, gathered: &[Measured], v: usize, angle_rad: f6
     ViewModel {
         camera,
         contour: ModelContour::new(&spec.rope, &camera),
+        outlines: Outlines::new(&spec.rope, &camera),
         template: None,
         pattern: None,
         detail: None,

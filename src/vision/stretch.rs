@@ -12,16 +12,17 @@ use super::registration::{KnotSums, register, register_contours};
 use super::rope::Rope;
 use super::smoothing::Measurement;
 use super::strand_alignment::{ContourView, StrandAlignment};
+use super::surface::Outlines;
 use super::template::{PhaseBin, Template};
 use super::wire_pattern::{WirePattern, mean_phase};
 use std::f64::consts::TAU;
 
 /// Neighbouring pixels and lines share wires: so many registered pixels count as one independent one. Refined from residuals.
-const PIXELS_PER_INDEPENDENT: f64 = 500.0;
+const PIXELS_PER_INDEPENDENT: f64 = 250.0;
 /// The same in Lang lay, or before the wires are known. There wires run much as the valleys between the strands do, and pass a
 /// place in step with the strands: what is left of them in the template moves with it, which residuals cannot show. So
 /// the contours must lead.
-const PIXELS_PER_INDEPENDENT_LANG: f64 = 1500.0;
+const PIXELS_PER_INDEPENDENT_LANG: f64 = 750.0;
 /// Prior standard deviation of the axis' correction by the image, in px: contours leave about this much.
 const AXIS_PRIOR_PX: f64 = 0.001;
 
@@ -163,6 +164,8 @@ pub struct ViewModel {
     pub camera: Camera,
     /// The outline of the model rope in it.
     pub contour: ModelContour,
+    /// Where its strands begin and end.
+    pub outlines: Outlines,
     /// Mean look of the strands; absent until learnt.
     pub template: Option<Template>,
     /// What wires add to it; absent until they are tracked.

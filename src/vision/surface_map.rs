@@ -180,7 +180,7 @@ fn within(value: f32, most: f32) -> f32 {
 
 /// The whole part of a number of at least 0 and below 2^22, without a conversion that minds what is out of range.
 #[inline]
-fn whole(value: f32) -> u32 {
+pub(super) fn whole(value: f32) -> u32 {
     let shifted = if value > 0.5 { value - 0.5 } else { 0.0 };
     (shifted + (1u32 << 23) as f32).to_bits() & 0x007f_ffff
 }

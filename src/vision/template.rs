@@ -31,6 +31,16 @@ pub fn phase_bin(rope: &Rope, phase_in_view_rad: f64) -> PhaseBin {
     PhaseBin { row, nearest: (-whole as i64).rem_euclid(rope.strands() as i64) as usize }
 }
 
+/// Sum in eight lanes side by side, which is not the order that `sum` keeps to.
+fn sum(values: &[f32]) -> f32 {
+    let (eights, rest) = values.as_chunks::<8>();
+    let mut lanes = [0.0f32; 8];
+    for eight in eights {
+        lanes.iter_mut().zip(eight).for_each(|(lane, value)| *lane += value);
+    }
+    lanes.iter().sum::<f32>() + rest.iter().sum::<f32>()
+}
+
 /// Reads a line of the image on the grid of the template: `axis_px` falls on the middle column, light is divided out.
 /// False if the line shows nothing.
 pub fn normalised_line(line: &[u8], axis_px: f32, out: &mut [f32]) -> bool {
@@ -53,7 +63,7 @@ pub fn normalised_line(line: &[u8], axis_px: f32, out: &mut [f32]) -> bool {
         *o = f32::from(a) + fraction * (f32::from(b) - f32::from(a));
     }
     let middle = &out[width / 4..3 * width / 4];
-    let mean = middle.iter().sum::<f32>() / middle.len() as f32;
+    let mean = sum(middle) / middle.len() as f32;
     if mean < 1.0 {
         return false;
     }

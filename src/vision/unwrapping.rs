@@ -8,7 +8,8 @@
 use super::camera::Camera;
 use super::image::GrayImage;
 use super::rope::Rope;
-use super::surface::visible_spans;
+use super::surface::Outlines;
+use super::surface_map::whole;
 use super::template::{Template, normalised_line, phase_bin};
 use std::f64::consts::TAU;
 
@@ -74,6 +75,7 @@ impl StripeTable {
 pub fn read_stripes(
     rope: &Rope,
     camera: &Camera,
+    outlines: &Outlines,
     template: &Template,
     table: &StripeTable,
     image: &GrayImage,
@@ -97,7 +99,7 @@ pub fn read_stripes(
         let mean =
             phases.iter().enumerate().map(|(j, p)| p - j as f64 * rope.strand_step_rad()).sum::<f64>() / n as f64;
         let expected = template.mean(phase_bin(rope, mean - camera.angle_rad).row);
-        visible_spans(rope, camera, &phases, &mut spans);
+        outlines.visible_spans(&phases, &mut spans);
         for span in &spans {
             if span.phase_in_view_rad.abs() > FARTHEST_RAD {
                 continue;
@@ -124,7 +126,7 @@ pub fn read_stripes(
                 let end = ((middle + edge).ceil().max(0.0) as usize).clamp(start, to);
                 let (mut re, mut im) = (0.0f32, 0.0f32);
                 for c in start..end {
-                    let entry = ((c as f32 * scale + offset) as usize).min(TABLE - 1);
+                    let entry = whole((c as f32 * scale + offset).min(TABLE as f32 - 1.0)) as usize & (TABLE - 1);
                     let difference = (line[c] / (expected[c] + 0.05) - 1.0).clamp(-CUT, CUT);
                     re += difference * table.cos[entry];
                     im += difference * table.sin[entry];
