@@ -5,6 +5,7 @@ use super::estimates::measured_rate;
 use super::smoothing::{Course, CoursePrior, Measurement, Observation, smooth, smooth_together};
 use super::stretch::fuse;
 use super::wire_tracking::WirePrediction;
+use rayon::prelude::*;
 
 /// Change of the strands' rate along the rope: spectral density times the cube of the rope diameter, in rad^2. Deviations of
 /// a few hundredths of a rad over a few rope diameters are usual.
@@ -59,6 +60,7 @@ pub(super) fn strand_courses(
         })
         .collect();
     (0..n)
+        .into_par_iter()
         .map(|j| {
             let knots: Vec<Measurement> = fused.iter().flat_map(|f| f.chunks_exact(n).map(move |k| k[j])).collect();
             smooth(&knots, strand_prior(spec, rate))
@@ -108,9 +110,14 @@ pub(super) fn joint_courses(
         let views = window.iter().flat_map(|m| m.wires.iter().enumerate().filter(|(v, _)| wanted(*v)));
         views.flat_map(|(_, w)| &w[j]).filter(|knot| knot.measured.information > 0.0).count() >= 2
     };
+    let rates: Vec<Option<f64>> = (0..n).map(|j| wire_rates(j).filter(|_| seen_wires(j))).collect();
+    let together: Vec<_> =
+        rates.into_par_iter().enumerate().map(|(j, wire_rate)| wire_rate.and_then(|rate| joint(j, rate))).collect();
     let mut alone = None;
-    (0..n)
-        .map(|j| match wire_rates(j).filter(|_| seen_wires(j)).and_then(|wire_rate| joint(j, wire_rate)) {
+    together
+        .into_iter()
+        .enumerate()
+        .map(|(j, courses)| match courses {
             Some(mut courses) => StrandCourses { wires: courses.pop(), strand: courses.pop() },
             None => {
                 let strands = alone.get_or_insert_with(|| strand_courses(spec, window, view, rate));

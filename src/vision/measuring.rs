@@ -163,7 +163,9 @@ pub(super) fn renew_patterns(spec: &AlignerSpec, views: &mut Views) {
 pub(super) fn measure_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measured, wires: &[Option<WirePrediction>]) {
     let grid = seen.grid(spec);
     let stripes: Vec<_> = seen.stripes.iter().zip(&views.shifts).collect();
+    let seen_now = &*seen;
     let predictions: Vec<Option<WirePrediction>> = (0..spec.rope.strands())
+        .into_par_iter()
         .map(|j| {
             let readings = readings(&spec.rope, &stripes, j, grid);
             let adapted = wires[j].map(|p| p.adapted(spec.rope.wires(), &readings));
@@ -171,13 +173,13 @@ pub(super) fn measure_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measur
                 Some((prediction, coherence)) if coherence >= LEAST_COHERENCE || readings.len() < 16 => {
                     Some(prediction)
                 }
-                _ => search_wires(spec, views, &[&*seen], j),
+                _ => search_wires(spec, views, &[seen_now], j),
             }
         })
         .collect();
     let Some(reference) = &seen.reference else { return };
     seen.wires = stripes
-        .iter()
+        .par_iter()
         .zip(&views.models)
         .map(|((stripes, shift), model)| {
             (0..spec.rope.strands())

@@ -97,19 +97,22 @@ impl WirePrediction {
 
 /// How far the wire lay may change from one stretch to the next, as a share.
 const STEP_TOLERANCE: f64 = 0.04;
+/// One of so many readings is asked whether the rate still holds: neighbours show the same wire.
+const READINGS_APART: usize = 3;
 
 impl WirePrediction {
     /// The prediction with the rate that a stretch's own stripes agree with best, near the predicted one: a step of the lay
     /// must not throw the count off. The second value is the coherence there.
     pub fn adapted(self, wires: usize, readings: &[(f64, Phasor)]) -> (Self, f64) {
         let m = wires as f64;
-        let total: f64 = readings.iter().map(|(_, (re, im))| re.hypot(*im)).sum();
+        let some = || readings.iter().copied().step_by(READINGS_APART);
+        let total: f64 = some().map(|(_, (re, im))| re.hypot(im)).sum();
         if readings.len() < 16 || total <= 0.0 {
             return (self, 0.0);
         }
         const STEPS: i32 = 16;
         let coherence = |rate: f64| {
-            let (re, im) = turned_sum(m, readings.iter().copied(), rate, self.position_mm);
+            let (re, im) = turned_sum(m, some(), rate, self.position_mm);
             re.hypot(im) / total
         };
         let now = coherence(self.rate_rad_per_mm);
