@@ -23,17 +23,25 @@ pub struct Filter {
     pub length_mm: f64,
     /// Width in wires.
     pub wires: f64,
+    /// Mean score that a place counts with at most.
+    pub cut: f32,
 }
 
-/// The filters. One wire wide for what happens to single wires, wider for what happens to the surface.
+/// No mean score comes near this.
+const UNCUT: f32 = 1e3;
+
+/// The filters. One wire wide for what happens to single wires, wider for what happens to the surface. The longer a filter, the
+/// less a single place may say: a broken end must not raise a centimetre of sound rope on either side of it.
 pub const FILTERS: [Filter; 6] = [
-    Filter { length_mm: 1.5, wires: 1.0 },
-    Filter { length_mm: 4.0, wires: 1.0 },
-    Filter { length_mm: 12.0, wires: 1.0 },
-    Filter { length_mm: 40.0, wires: 1.0 },
-    Filter { length_mm: 8.0, wires: 3.0 },
-    Filter { length_mm: 25.0, wires: 3.0 },
+    Filter { length_mm: 1.5, wires: 1.0, cut: UNCUT },
+    Filter { length_mm: 4.0, wires: 1.0, cut: UNCUT },
+    Filter { length_mm: 12.0, wires: 1.0, cut: 2.0 },
+    Filter { length_mm: 40.0, wires: 1.0, cut: 1.0 },
+    Filter { length_mm: 8.0, wires: 3.0, cut: 2.0 },
+    Filter { length_mm: 25.0, wires: 3.0, cut: 1.0 },
 ];
+/// Reach about a place within which a pixel makes it seen.
+pub const SEEN: Filter = Filter { length_mm: 4.0, wires: 2.0, cut: UNCUT };
 
 /// Sums of scores of a stretch in one view, `[(block * strands + strand) * places + place]`.
 #[derive(Debug, Clone)]
@@ -100,9 +108,11 @@ impl Evidence {
         self.counts[at] += 1.0;
     }
 
-    /// Sums across so many wires about every place: the half of a filter that filters of one width share.
-    pub fn across(&self, wires: f64) -> Across {
-        let half_places = ((wires * PLACES_PER_WIRE as f64 - 1.0) / 2.0).round().max(0.0) as usize;
+    /// Sums under a filter about every place.
+    pub fn under(&self, filter: Filter, pitch_mm: f64) -> Filtered {
+        let half_places = ((filter.wires * PLACES_PER_WIRE as f64 - 1.0) / 2.0).round().max(0.0) as usize;
+        let block_mm = self.block_lines as f64 * pitch_mm;
+        let cut: Vec<f32> = self.sums.iter().zip(&self.counts).map(|(sum, n)| sum.min(filter.cut * n)).collect();
         let summed = |of: &[f32]| {
             let mut cells = vec![0.0f32; of.len()];
             let mut row = vec![0.0f32; self.places + 2 * half_places];
@@ -119,30 +129,29 @@ impl Evidence {
             }
             cells
         };
-        Across {
-            block_lines: self.block_lines,
+        Filtered {
+            half_blocks: ((filter.length_mm / block_mm - 1.0) / 2.0).round().max(0.0) as usize,
             row: self.strands * self.places,
-            sums: summed(&self.sums),
+            sums: summed(&cut),
             pixels: summed(&self.counts),
         }
     }
 }
 
-/// Evidence summed across the wires, still to be summed along them.
+/// Evidence under a filter: summed across the wires, and along them while it is read.
 #[derive(Debug)]
-pub struct Across {
-    block_lines: usize,
+pub struct Filtered {
+    half_blocks: usize,
     /// Cells of a block.
     row: usize,
     sums: Vec<f32>,
     pixels: Vec<f32>,
 }
 
-impl Across {
-    /// Calls `each` for every block with (index of its first cell, sums of scores, numbers of pixels) of its cells, summed over
-    /// `length_mm` along the rope about it.
-    pub fn along(&self, length_mm: f64, pitch_mm: f64, mut each: impl FnMut(usize, &[f32], &[f32])) {
-        let half_blocks = ((length_mm / (self.block_lines as f64 * pitch_mm) - 1.0) / 2.0).round().max(0.0) as usize;
+impl Filtered {
+    /// Calls `each` for every block with (index of its first cell, sums of scores, numbers of pixels) of its cells.
+    pub fn for_each(&self, mut each: impl FnMut(usize, &[f32], &[f32])) {
+        let half_blocks = self.half_blocks;
         let blocks = self.sums.len() / self.row;
         let mut sums = vec![0.0f32; self.row];
         let mut pixels = vec![0.0f32; self.row];

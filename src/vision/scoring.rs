@@ -4,7 +4,7 @@
 //! vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2). The upper tail of the
 //! normalised sums is close to exponential; a score of 3 means "one in 10^3 such places on intact rope", and so on.
 
-use super::evidence::{Across, Evidence, FILTERS, Filter};
+use super::evidence::{Evidence, FILTERS, SEEN};
 
 /// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
 const LEAST_SHARE: f32 = 0.25;
@@ -63,7 +63,7 @@ impl CalibrationSums {
     /// Adds a stretch of intact rope.
     pub fn add(&mut self, evidence: &Evidence, pitch_mm: f64) {
         for (samples, filter) in self.samples.iter_mut().zip(FILTERS) {
-            evidence.across(filter.wires).along(filter.length_mm, pitch_mm, |first, sums, pixels| {
+            evidence.under(filter, pitch_mm).for_each(|first, sums, pixels| {
                 let sampled = |(at, n): (usize, f32)| at % SAMPLE_STRIDE == 0 && n > 0.0;
                 let cells = sums.iter().zip(pixels).enumerate();
                 samples.extend(cells.filter(|(k, (_, n))| sampled((first + k, **n))).map(|(_, (&s, &n))| (s, n)));
@@ -134,14 +134,8 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
     let mut support = vec![0.0f32; cells.len()];
     for (evidence, calibration) in factors {
         let mut factor = vec![UNJUDGED; cells.len()];
-        let mut across: Option<(f64, Across)> = None;
         for (filter, calibration) in FILTERS.into_iter().zip(*calibration) {
-            // Filters of one width stand side by side and share their sums across the wires.
-            let (_, summed) = match across.take() {
-                Some(kept) if kept.0 == filter.wires => across.insert(kept),
-                _ => across.insert((filter.wires, evidence.across(filter.wires))),
-            };
-            summed.along(filter.length_mm, pitch_mm, |first, sums, pixels| {
+            evidence.under(filter, pitch_mm).for_each(|first, sums, pixels| {
                 calibration.raise(&mut factor[first..first + row], sums, pixels);
             });
         }
@@ -156,7 +150,7 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
         *cell = if *cell == UNJUDGED { f32::NAN } else { *cell + support };
     }
     let mut seen = vec![false; cells.len()];
-    first.across(SEEN.wires).along(SEEN.length_mm, pitch_mm, |first, _, pixels| {
+    first.under(SEEN, pitch_mm).for_each(|first, _, pixels| {
         seen[first..first + row].iter_mut().zip(pixels).for_each(|(seen, &n)| *seen = n > 0.0);
     });
     let mut scores = StretchScores {
@@ -177,8 +171,6 @@ const UNJUDGED: f32 = f32::NEG_INFINITY;
 const SUPPORT: f32 = 0.5;
 /// Score up to which a finding is usual: one place in ten has it.
 const USUAL: f32 = 1.0;
-/// Reach about a place within which a pixel makes it seen.
-const SEEN: Filter = Filter { length_mm: 4.0, wires: 2.0 };
 /// What another view's score counts where this view sees the place, but too obliquely to judge as well.
 const OTHER_VIEW_SHARE: f32 = 0.95;
 
