@@ -115,7 +115,9 @@ fn stages(criterion: &mut Criterion) {
     group.bench_function("learning", |b| b.iter(|| learn(rope, camera, estimates, black_box(view), &mut histogram)));
     let blocks = block_lines(known.spec.pitch_mm);
     group.bench_function("evidence", |b| {
-        b.iter(|| Residuals::gather(rope, camera, estimates, black_box(view), &appearance, blocks));
+        b.iter(|| {
+            Residuals::gather(rope, camera, estimates, black_box(view), &appearance, blocks, known.spec.pitch_mm)
+        });
     });
     group.finish();
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-const MAGIC: &[u8] = b"ropescope model 1\n";
+const MAGIC: &[u8] = b"ropescope model 2\n";
 /// Longest header that is read, in bytes.
 const MAX_HEADER_BYTES: u32 = 1 << 20;
 /// How far the diameter of a rope may be off its model's, as a share.

@@ -22,6 +22,8 @@ pub const LIGHT_LINES: usize = 800;
 pub struct GrayScale {
     /// `bins[line * 256 + gray]` would be large; the light is quantised instead.
     tables: Vec<[u8; 256]>,
+    /// The same, not rounded to bins.
+    fine: Vec<[f32; 256]>,
     line_table: Vec<u8>,
 }
 
@@ -50,15 +52,20 @@ impl GrayScale {
                 ((light.clamp(2.0, 255.9) / 2.0).ln() / 128f64.ln() * (LIGHTS as f64 - 1.0)).round() as u8
             })
             .collect();
-        let tables = (0..LIGHTS)
+        let fine: Vec<[f32; 256]> = (0..LIGHTS)
             .map(|level| {
                 let light = 2.0 * 128f32.powf(level as f32 / (LIGHTS as f32 - 1.0));
-                std::array::from_fn(|gray| {
-                    ((GRAY_BINS as f32 * gray as f32 / (gray as f32 + light)) as u8).min(GRAY_BINS as u8 - 1)
-                })
+                std::array::from_fn(|gray| GRAY_BINS as f32 * gray as f32 / (gray as f32 + light))
             })
             .collect();
-        Self { tables, line_table }
+        let tables = fine.iter().map(|fine| fine.map(|at| (at as u8).min(GRAY_BINS as u8 - 1))).collect();
+        Self { tables, fine, line_table }
+    }
+
+    /// Table from gray values to places on the scale of bins for one line.
+    #[inline]
+    pub fn fine(&self, line: usize) -> &[f32; 256] {
+        &self.fine[usize::from(self.line_table[line])]
     }
 
     /// Table from gray values to bins for one line.
@@ -77,6 +84,8 @@ pub struct Appearance {
     score: Vec<f32>,
     /// Expected gray bin of every cell; NaN in cells that were not seen often enough.
     expected: Vec<f32>,
+    /// Standard deviation of the gray bin of every cell.
+    spread: Vec<f32>,
 }
 
 impl Appearance {
@@ -135,13 +144,14 @@ impl Appearance {
                 }
             }
         }
-        Self { expected: expected(&likelihood), likelihood, score }
+        Self { expected: expected(&likelihood), spread: spread(&likelihood), likelihood, score }
     }
 
     /// Restores a model from its tables. `None` if their sizes are not those of this version.
     pub fn from_tables(likelihood: Vec<f32>, score: Vec<f32>) -> Option<Self> {
         (likelihood.len() == CELLS * GRAY_BINS && score.len() == CELLS * GRAY_BINS).then(|| Self {
             expected: expected(&likelihood),
+            spread: spread(&likelihood),
             likelihood,
             score,
         })
@@ -156,6 +166,12 @@ impl Appearance {
     #[inline]
     pub fn score(&self, cell: usize, gray_bin: u8) -> f32 {
         self.score[cell * GRAY_BINS + usize::from(gray_bin)]
+    }
+
+    /// How many standard deviations a bin is above what is expected at a surface cell; NaN where the model cannot tell.
+    #[inline]
+    pub fn above(&self, cell: usize, bin: u8) -> f32 {
+        ((f32::from(bin) + 0.5 - self.expected[cell]) / self.spread[cell]).min(CUT)
     }
 
     /// Expected gray bin (middle of a bin is at + 0.5) at a surface cell; NaN where the model cannot tell.
@@ -177,6 +193,19 @@ fn expected(likelihood: &[f32]) -> Vec<f32> {
             let total: f32 = p.iter().sum();
             let mean: f32 = p.iter().enumerate().map(|(gray, p)| (gray as f32 + 0.5) * p).sum();
             if total > 0.0 { mean / total } else { f32::NAN }
+        })
+        .collect()
+}
+
+fn spread(likelihood: &[f32]) -> Vec<f32> {
+    likelihood
+        .chunks_exact(GRAY_BINS)
+        .map(|p| {
+            let total: f32 = p.iter().sum();
+            let moment = |power: i32| {
+                p.iter().enumerate().map(|(bin, p)| (bin as f32 + 0.5).powi(power) * p).sum::<f32>() / total
+            };
+            (moment(2) - moment(1).powi(2)).max(0.25).sqrt()
         })
         .collect()
 }

@@ -81,7 +81,7 @@ impl Evidence {
     pub fn of_factor(residuals: &Residuals, factor: Factor, appearance: &Appearance, pitch_mm: f64) -> Self {
         let mut evidence = Self::empty(residuals.block_lines, residuals.blocks, residuals.strands, residuals.places);
         residuals.for_each(factor, pitch_mm, |at, cell, bin| {
-            let score = appearance.score(cell, bin);
+            let score = factor.score(appearance, cell, bin);
             if score.is_finite() {
                 evidence.add(at, score); // once a place
             }

@@ -12,7 +12,7 @@ use super::stretch::ViewStretch;
 use super::surface_map::SurfaceMap;
 
 /// The factors beside the gray value, in the order in which they are stored.
-pub const FACTORS: [Factor; 2] = [Factor::Contrast, Factor::Roughness];
+pub const FACTORS: [Factor; 3] = [Factor::Contrast, Factor::Roughness, Factor::Texture];
 
 /// One factor: its density given the surface point, and the calibration of its filters.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +59,7 @@ impl AlignedView<'_> {
     }
 
     fn gather(&self, gray: &Appearance) -> (Evidence, Residuals) {
-        Residuals::gather(self.rope, self.camera, self.estimates, self.view, gray, self.block_lines)
+        Residuals::gather(self.rope, self.camera, self.estimates, self.view, gray, self.block_lines, self.pitch_mm)
     }
 
     /// Second pass: adds the further factors, relative to the learnt gray, to their histograms.

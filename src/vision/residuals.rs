@@ -1,9 +1,9 @@
 //! How the gray of the unrolled rope deviates from what is expected, and what that says beside the single gray value.
 //!
 //! Dirt and oil change gray values over long stretches without being defects; broken ends, pits and burns change them over a
-//! millimetre. Two further factors of the appearance model therefore look along the wire: the contrast of a place against its
-//! own wire before and behind it, and the roughness of the gray there. Both are judged like the gray itself: by how likely they
-//! are on intact rope at that surface point.
+//! millimetre. Further factors of the appearance model therefore look along the wire: the contrast of a place against its own
+//! wire before and behind it, the roughness of the gray there, and its texture pixel by pixel. All are judged like the gray
+//! itself: by how likely they are on intact rope at that surface point.
 
 use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
@@ -31,6 +31,8 @@ pub struct Residuals {
     pub places: usize,
     /// Mean deviation of the gray bin from its expected value; NaN where no pixel fell.
     deviation: Vec<f32>,
+    /// Mean squared change of the pixels along the wire; NaN where none could be compared.
+    texture: Vec<f32>,
     /// Surface cell that the place shows.
     surface_cell: Vec<u32>,
 }
@@ -42,6 +44,8 @@ struct Sums {
     scored: f32,
     deviation: f32,
     expected: f32,
+    change: f32,
+    changes: f32,
     cell: u32,
 }
 
@@ -52,6 +56,25 @@ pub enum Factor {
     Contrast,
     /// Change of the deviation from block to block, averaged over a few millimetres.
     Roughness,
+    /// Grain along the wire, pixel by pixel, averaged over a place: pits and scratches of a wire that is neither darker nor
+    /// brighter for them.
+    Texture,
+}
+
+/// Distance along the wire over which grain is compared in mm: pits and scratches are about as large.
+const GRAIN_MM: f64 = 0.3;
+
+impl Factor {
+    /// Anomaly score of a bin of the factor: 0 on average over intact rope, 1 is one standard deviation.
+    ///
+    /// Long weak damage moves the grain of many places a little. Their deviations with sign add up to more than their
+    /// surprises, and a wire that is smoother than usual is not damaged.
+    pub fn score(self, appearance: &Appearance, cell: usize, bin: u8) -> f32 {
+        match self {
+            Self::Contrast | Self::Roughness => appearance.score(cell, bin),
+            Self::Texture => appearance.above(cell, bin),
+        }
+    }
 }
 
 impl Residuals {
@@ -63,6 +86,7 @@ impl Residuals {
         view: &ViewStretch,
         gray: &Appearance,
         block_lines: usize,
+        pitch_mm: f64,
     ) -> (Evidence, Self) {
         let lines = view.image.lines();
         let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
@@ -71,8 +95,11 @@ impl Residuals {
         let mut evidence = Evidence::empty(block_lines, blocks, strands, places);
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
         let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
+        let grain_lines = ((GRAIN_MM / pitch_mm).round() as usize).max(1);
+        let width = view.image.width();
         for line in 0..lines {
-            let (row, bins) = (view.image.line(line), scale.line(line));
+            let (row, bins, fine) = (view.image.line(line), scale.line(line), scale.fine(line));
+            let past = line.checked_sub(grain_lines).map(|past| (past, view.image.line(past), scale.fine(past)));
             let block = line / block_lines * strands;
             map.for_each(line, view.axis_px[line], |point| {
                 let bin = bins[usize::from(row[point.column])];
@@ -87,21 +114,37 @@ impl Residuals {
                     sums.deviation += f32::from(bin) + 0.5 - expected;
                     sums.expected += 1.0;
                     sums.cell = point.cell as u32;
+                    if let Some((past, past_row, past_fine)) = past {
+                        let moved = view.axis_px[past] - view.axis_px[line] - grain_lines as f32 * point.slope_px;
+                        let at = point.column as f32 + moved;
+                        if at >= 0.0 && at < (width - 1) as f32 {
+                            let gray = |column: usize| past_fine[usize::from(past_row[column])];
+                            let (column, share) = (at as usize, at.fract());
+                            let before = gray(column) + share * (gray(column + 1) - gray(column));
+                            let change = fine[usize::from(row[point.column])] - before;
+                            sums.change += change * change;
+                            sums.changes += 1.0;
+                        }
+                    }
                 }
             });
         }
         let row = strands * places;
         let mut deviation = vec![f32::NAN; sums.len()];
         let mut surface_cell = vec![UNSEEN; sums.len()];
+        let mut texture = vec![f32::NAN; sums.len()];
         for (at, sums) in sums.into_iter().enumerate() {
             evidence.set(at, sums.score, sums.scored);
             if sums.expected > 0.0 {
                 let along = at % row * blocks + at / row;
                 deviation[along] = sums.deviation / sums.expected;
                 surface_cell[along] = sums.cell;
+                if sums.changes > 0.0 {
+                    texture[along] = sums.change / sums.changes;
+                }
             }
         }
-        (evidence, Self { block_lines, blocks, strands, places, deviation, surface_cell })
+        (evidence, Self { block_lines, blocks, strands, places, deviation, texture, surface_cell })
     }
 
     /// Calls `each` with (index in the grid, surface cell, bin of the factor) for every place where the factor can be told.
@@ -121,9 +164,12 @@ impl Residuals {
                 let d = self.deviation[at(block)];
                 let (s, n) = sums[block];
                 sums.push(if d.is_nan() { (s, n) } else { (s + d, n + 1.0) });
-                let change = d - before;
+                let power = match factor {
+                    Factor::Texture => self.texture[at(block)],
+                    _ => (d - before).powi(2),
+                };
                 let (s, n) = squares[block];
-                squares.push(if change.is_nan() { (s, n) } else { (s + change * change, n + 1.0) });
+                squares.push(if power.is_nan() { (s, n) } else { (s + power, n + 1.0) });
                 before = d;
             }
             let mean = |sums: &[(f32, f32)], from: usize, to: usize| {
@@ -149,6 +195,13 @@ impl Residuals {
                             continue;
                         }
                         ((here - around) * 1.6 + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0)
+                    }
+                    Factor::Texture => {
+                        let power = self.texture[at(block)];
+                        if power.is_nan() {
+                            continue;
+                        }
+                        ((power + 0.02).ln() * 4.0 + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0)
                     }
                     Factor::Roughness => {
                         let reach = blocks_of(1.5);

@@ -86,6 +86,13 @@ impl Outlines {
         Self { angle_rad: camera.angle_rad, table }
     }
 
+    /// How the middle of a strand's outline moves with its phase, in px per rad.
+    pub fn middle_per_rad(&self, phase_in_view_rad: f64) -> f64 {
+        let k = (((phase_in_view_rad + PI) * (OUTLINES as f64 / TAU)) as usize).min(OUTLINES - 1);
+        let middle = |k: usize| (self.table[k].from_px + self.table[k].to_px) / 2.0;
+        (middle(k + 1) - middle(k)) * (OUTLINES as f64 / TAU)
+    }
+
     /// The visible spans of all strands, from small to large columns; `phases_rad[j]` in rope axes.
     pub fn visible_spans(&self, phases_rad: &[f64], spans: &mut Vec<StrandSpan>) {
         find_visible(self.angle_rad, phases_rad, spans, |phase_in_view_rad| {

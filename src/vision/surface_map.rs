@@ -36,6 +36,8 @@ pub struct SurfacePoint {
     pub wire_place: f32,
     /// The same as one of the M * [`PLACES_PER_WIRE`] places of the unrolled strand.
     pub place: usize,
+    /// How many columns from the rope axis the same place of the wire lies farther on in the next line.
+    pub slope_px: f32,
 }
 
 /// The pixels that one strand fills in a line.
@@ -54,11 +56,17 @@ pub struct SurfaceMap<'a> {
     width_px: usize,
     outlines: Outlines,
     arcsine: Vec<f32>,
+    /// Cosine of those angles.
+    cosine: Vec<f32>,
     phases: Vec<f64>,
     wires: Vec<f64>,
+    /// Change of the phases from line to line.
+    phase_steps: Vec<f64>,
+    wire_steps: Vec<f64>,
     spans: Vec<StrandSpan>,
     /// Of every pixel of the line: surface angle, then what follows from it.
     psi_rad: Vec<f32>,
+    slopes_px: Vec<f32>,
     cells: Vec<u32>,
     wire_places: Vec<f32>,
     places: Vec<u32>,
@@ -68,6 +76,8 @@ impl<'a> SurfaceMap<'a> {
     /// A map for images of `width_px` columns.
     pub fn new(rope: &'a Rope, camera: &Camera, estimates: &'a Estimates, width_px: usize) -> Self {
         let arcsine = (0..TABLE).map(|k| (2.0 * (k as f64 + 0.5) / TABLE as f64 - 1.0).asin() as f32).collect();
+        let cosine =
+            (0..TABLE).map(|k| (1.0 - (2.0 * (k as f64 + 0.5) / TABLE as f64 - 1.0).powi(2)).sqrt() as f32).collect();
         let n = rope.strands();
         Self {
             rope,
@@ -76,10 +86,14 @@ impl<'a> SurfaceMap<'a> {
             width_px,
             outlines: Outlines::new(rope, camera),
             arcsine,
+            cosine,
             phases: vec![0.0; n],
             wires: vec![0.0; n],
+            phase_steps: vec![0.0; n],
+            wire_steps: vec![0.0; n],
             spans: Vec::new(),
             psi_rad: vec![0.0; width_px],
+            slopes_px: vec![0.0; width_px],
             cells: vec![0; width_px],
             wire_places: vec![0.0; width_px],
             places: vec![0; width_px],
@@ -97,9 +111,12 @@ impl<'a> SurfaceMap<'a> {
         // Beyond the outer knots the courses go on straight.
         let share = at - a as f64;
         for j in 0..n {
-            let mix = |values: &[f64]| values[a * n + j] + share * (values[b * n + j] - values[a * n + j]);
-            self.phases[j] = mix(&self.estimates.strand_phases_rad);
-            self.wires[j] = mix(&self.estimates.wire_phases_rad);
+            let change = |values: &[f64]| values[b * n + j] - values[a * n + j];
+            let (strands, wires) = (&self.estimates.strand_phases_rad, &self.estimates.wire_phases_rad);
+            self.phases[j] = strands[a * n + j] + share * change(strands);
+            self.wires[j] = wires[a * n + j] + share * change(wires);
+            self.phase_steps[j] = change(strands) / knot_lines as f64;
+            self.wire_steps[j] = change(wires) / knot_lines as f64;
         }
     }
 
@@ -110,8 +127,9 @@ impl<'a> SurfaceMap<'a> {
         for s in 0..self.spans.len() {
             let Some(Run { strand, from, to }) = self.map_span(self.spans[s], f64::from(axis_px)) else { continue };
             let looked_up = self.cells[from..to].iter().zip(&self.wire_places[from..to]).zip(&self.places[from..to]);
-            for (column, ((&cell, &wire_place), &place)) in (from..to).zip(looked_up) {
-                each(SurfacePoint { column, strand, cell: cell as usize, wire_place, place: place as usize });
+            let looked_up = looked_up.zip(&self.slopes_px[from..to]);
+            for (column, (((&cell, &wire_place), &place), &slope_px)) in (from..to).zip(looked_up) {
+                each(SurfacePoint { column, strand, cell: cell as usize, wire_place, place: place as usize, slope_px });
             }
         }
     }
@@ -132,9 +150,14 @@ impl<'a> SurfaceMap<'a> {
         let scale = (TABLE as f64 / (2.0 * span.half_px)) as f32;
         let first = ((from as f64 - axis_px - span.middle_px) * f64::from(scale)) as f32 + TABLE as f32 / 2.0;
         let sight = span.sight_rad as f32;
-        for (k, psi) in self.psi_rad[from..to].iter_mut().enumerate() {
-            let entry = whole((first + k as f32 * scale).min(TABLE as f32 - 1.0)) as usize;
-            *psi = self.arcsine[entry & (TABLE - 1)] - sight;
+        // A place of a wire moves with its strand, and about it.
+        let with_strand = (self.outlines.middle_per_rad(span.phase_in_view_rad) * self.phase_steps[span.strand]) as f32;
+        let about_it = (span.half_px * self.wire_steps[span.strand]) as f32;
+        let targets = self.psi_rad[from..to].iter_mut().zip(&mut self.slopes_px[from..to]);
+        for (k, (psi, slope)) in targets.enumerate() {
+            let entry = whole((first + k as f32 * scale).min(TABLE as f32 - 1.0)) as usize & (TABLE - 1);
+            *psi = self.arcsine[entry] - sight;
+            *slope = with_strand + about_it * self.cosine[entry];
         }
 
         let step = self.rope.wire_step_rad() as f32;
