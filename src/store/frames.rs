@@ -73,22 +73,25 @@ impl Store {
         .await?)
     }
 
-    /// Sound frames of a view from number `from` on without a gap, at most `limit`.
+    /// Frames of a view from number `from` on without a gap, at most `limit`. A frame that was found damaged is a gap while it may
+    /// be sent again: in an acquisition that is not `complete`.
     pub async fn frames_from(
         &self,
         acquisition: Id,
         view: u32,
         from: u32,
         limit: u32,
+        complete: bool,
     ) -> Result<Vec<Frame>, StoreError> {
         let frames: Vec<Frame> = sqlx::query_as(
-            "select * from frame where acquisition_id = $1 and view = $2 and frame >= $3 and damaged_at_ms is null
+            "select * from frame where acquisition_id = $1 and view = $2 and frame >= $3 and (damaged_at_ms is null or $5)
              order by frame limit $4",
         )
         .bind(acquisition)
         .bind(view)
         .bind(from)
         .bind(limit)
+        .bind(complete)
         .fetch_all(self.reader())
         .await?;
         Ok(frames.into_iter().zip(from..).take_while(|(f, number)| f.frame == *number).map(|(f, _)| f).collect())

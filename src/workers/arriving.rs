@@ -64,7 +64,7 @@ impl ArrivingFrames {
         // The state first: what a complete acquisition lacks never comes.
         let (complete, frames) = self.app.store.arrived(self.acquisition).await?;
         let from = self.files().frames(view) as u32;
-        let new = self.app.store.frames_from(self.acquisition, view as u32, from, AT_ONCE).await?;
+        let new = self.app.store.frames_from(self.acquisition, view as u32, from, AT_ONCE, complete).await?;
         let whole = complete && new.len() < AT_ONCE as usize;
         let mut files = self.files.write().unwrap_or_else(PoisonError::into_inner);
         for frame in new {

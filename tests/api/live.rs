@@ -201,3 +201,26 @@ async fn whether_a_job_is_live_belongs_to_what_was_asked_for_and_its_findings_ar
         app.admin.get(&format!("jobs/{}/{what}", new_id())).await.problem(404, "not-found");
     }
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_damaged_frame_is_awaited_until_it_was_sent_again_and_never_taken_for_the_end_of_its_view() {
+    let app = TestApp::start().await;
+    let id = app.admin.acquisition(&app.admin.rope().await, &[Some(3)]).await;
+    for frame in 0..3 {
+        app.admin.put_frame(&id, 0, frame, png(frame as u8)).await.ok(201);
+    }
+    let (store, acquisition) = (&app.service.app.store, ropescope::store::Id(id.parse().unwrap()));
+    let damaged = store.frame(acquisition, 0, 1).await.unwrap().unwrap();
+    store.mark_damaged(std::slice::from_ref(&damaged), 1).await.unwrap();
+    let job = live(&app, &id, None).await;
+    until_waiting_for(&app, &job, 0, 1).await;
+    app.admin.put_frame(&id, 0, 1, png(1)).await.ok(201);
+    until_waiting_for(&app, &job, 0, 3).await;
+    app.admin.post(&format!("acquisitions/{id}/completion"), json!({})).await.ok(200);
+    assert_eq!(app.admin.ended(&job).await["state"], "succeeded");
+
+    // Found damaged after the completion, it belongs to the rope all the same: a job fails on it, and does not end before it.
+    store.mark_damaged(&[damaged], 2).await.unwrap();
+    assert_eq!(store.frames_from(acquisition, 0, 0, 10, true).await.unwrap().len(), 3);
+    assert_eq!(store.frames_from(acquisition, 0, 0, 10, false).await.unwrap().len(), 1);
+}
