@@ -116,8 +116,8 @@ pub async fn get_provisional_lay_lengths(
     Path(id): Path<Uuid>,
     Query(query): Query<ProvisionalQuery>,
 ) -> Result<axum::Json<ProvisionalLayLengths>, Problem> {
-    let job = running(&app, id).await?;
     let view = super::lay_lengths::view(query.view.as_deref())?;
+    let job = running(&app, id).await?;
     if let Some(view) = view {
         check_view(&app, job.acquisition_id, view).await?;
     }

@@ -104,6 +104,7 @@ async fn what_was_found_appears_while_frames_arrive_is_marked_provisional_and_go
         let gone = app.admin.get(path).await.problem(410, "provisional-gone");
         assert!(gone["detail"].as_str().unwrap().contains(inspection), "{gone}");
     }
+    app.admin.get(&format!("{lays}?view=")).await.problem(400, "malformed-query");
     let lay_lengths = app.admin.get(&format!("inspections/{inspection}/lay-lengths")).await.ok(200);
     assert_eq!(lay_lengths["rows"].as_array().unwrap().len(), 3);
     assert_eq!(events.next("end").await["result"]["inspection_id"], inspection);
