@@ -21,8 +21,10 @@ pub struct App {
     pub settings: Arc<Settings>,
     /// Where links to this service begin, such as `http://127.0.0.1:8080`.
     pub base_url: Arc<str>,
-    /// Told when a job was queued.
+    /// Told when a job on a complete acquisition was queued, or a job's acquisition completed.
     pub jobs_wake: Arc<Notify>,
+    /// Told when a job on an open acquisition was queued.
+    pub live_jobs_wake: Arc<Notify>,
     /// Told when an event was queued for a receiver.
     pub outbox_wake: Arc<Notify>,
     /// Permits to decode and render.
@@ -50,6 +52,7 @@ impl App {
             settings: Arc::new(settings),
             base_url: base_url.trim_end_matches('/').into(),
             jobs_wake: Arc::default(),
+            live_jobs_wake: Arc::default(),
             outbox_wake: Arc::default(),
             arrivals: Arrivals::default(),
             promised_bytes: Arc::default(),

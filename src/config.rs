@@ -13,8 +13,10 @@ pub struct Settings {
     pub listen: SocketAddr,
     /// How the world reaches the service, without a slash at the end; for links in tickets. `None`: `http://` and the address.
     pub public_url: Option<String>,
-    /// Jobs that run at once in this process, 0..=16.
+    /// Jobs on complete acquisitions that run at once in this process, 0..=16; with 0, no live ones do either.
     pub workers: usize,
+    /// Jobs on open acquisitions.
+    pub live: LiveSettings,
     /// Bounds on what clients may ask.
     pub limits: Limits,
     /// How jobs are leased.
@@ -29,6 +31,7 @@ impl Settings {
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)),
             public_url: None,
             workers: 1,
+            live: LiveSettings::default(),
             limits: Limits::default(),
             lease: LeaseSettings::default(),
         }
@@ -77,6 +80,21 @@ impl Default for Limits {
             request_timeout: Duration::from_secs(60),
             upload_timeout: Duration::from_secs(15 * 60),
         }
+    }
+}
+
+/// How jobs on open acquisitions wait for their frames.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LiveSettings {
+    /// Such jobs at once in this process, beside the others: each keeps up to 200 MB while it waits.
+    pub jobs: usize,
+    /// A job ends when no frame of its acquisition came for longer.
+    pub patience: Duration,
+}
+
+impl Default for LiveSettings {
+    fn default() -> Self {
+        Self { jobs: 4, patience: Duration::from_secs(3 * 24 * 3600) }
     }
 }
 

@@ -7,6 +7,7 @@ mod given_contours;
 mod healthcheck;
 mod inspect;
 mod inspect_report;
+mod live;
 mod logs;
 mod recording;
 mod results_out;

@@ -1,5 +1,6 @@
 //! `ropescope serve`.
 
+use super::live::LiveArgs;
 use super::logs;
 use ropescope::config::{Limits, Settings};
 use ropescope::service::{self, Service};
@@ -28,6 +29,8 @@ pub(crate) struct ServeArgs {
     /// MB (10^6 bytes) of the disk that uploads leave free, for jobs and the database
     #[arg(long, env = "ROPESCOPE_RESERVE_MB", default_value_t = 1000, value_name = "MB")]
     reserve_mb: u32,
+    #[command(flatten)]
+    live: LiveArgs,
 }
 
 /// Runs the command.
@@ -39,6 +42,7 @@ pub(crate) fn run(args: ServeArgs) -> anyhow::Result<()> {
         limits,
         listen: args.listen,
         workers: if args.no_workers { 0 } else { usize::from(args.workers) },
+        live: args.live.settings(),
         public_url: args.public_url,
         ..Settings::new(args.data)
     };

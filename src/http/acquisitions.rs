@@ -394,7 +394,10 @@ pub async fn complete_acquisition(
         frames.iter().try_for_each(|&f| check_frames(Some(f)))?;
     }
     match app.store.complete_acquisition(Id(id), frames.as_deref()).await? {
-        Completion::Complete => Ok(axum::Json(load(&app, id).await?.into())),
+        Completion::Complete => {
+            app.jobs_wake.notify_one(); // a live job that has not begun is one like others now
+            Ok(axum::Json(load(&app, id).await?.into()))
+        }
         Completion::Unknown => Err(Problem::no("acquisition", id)),
         Completion::Missing(missing) => Err(incomplete(id, missing)),
         Completion::Views { views } => {

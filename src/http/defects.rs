@@ -8,6 +8,7 @@ use super::ropeways::{MAX_NAME, check_text};
 use super::tables::{CsvTable, FormatQuery, cell, wants_csv};
 use super::{Problem, inspections, times};
 use crate::app::App;
+use crate::pipeline::results::AlarmRow;
 use crate::store::defects::{self, Judged};
 use crate::store::{Id, StoreError};
 use axum::Extension;
@@ -36,6 +37,19 @@ pub struct Alarm {
     last_column: usize,
     /// Highest line score in it.
     peak_score: f64,
+}
+
+impl From<AlarmRow> for Alarm {
+    fn from(a: AlarmRow) -> Self {
+        Self {
+            view: a.view,
+            first_line: a.first_line,
+            last_line: a.last_line,
+            first_column: a.first_column,
+            last_column: a.last_column,
+            peak_score: a.peak_score,
+        }
+    }
 }
 
 /// What people decided about a defect.
@@ -163,14 +177,7 @@ impl TryFrom<defects::Defect> for Defect {
     type Error = StoreError;
 
     fn try_from(row: defects::Defect) -> Result<Self, StoreError> {
-        let alarms = row.alarms()?.into_iter().map(|a| Alarm {
-            view: a.view,
-            first_line: a.first_line,
-            last_line: a.last_line,
-            first_column: a.first_column,
-            last_column: a.last_column,
-            peak_score: a.peak_score,
-        });
+        let alarms = row.alarms()?.into_iter().map(Alarm::from);
         let state = match row.state.as_str() {
             "confirmed" => DefectState::Confirmed,
             "dismissed" => DefectState::Dismissed,

@@ -225,7 +225,9 @@ pub fn refused(error: SourceError, sensor_px: u32) -> Problem {
         SourceError::Unreadable { reason, .. } => {
             Problem::frame_unreadable(format!("the body is not a whole 8 or 16 bit gray PNG or TIFF: {reason}"))
         }
-        error @ SourceError::NoSuchFrame { .. } => Problem::failure(error),
+        error @ (SourceError::NoSuchFrame { .. } | SourceError::Abandoned { .. } | SourceError::Stopped) => {
+            Problem::failure(error)
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use super::ropeways::{check_text, choose_id};
 use super::{Problem, times};
 use crate::app::App;
 use crate::store::jobs::{self, Cancellation, Enqueued, NewJob as Row, Task};
-use crate::store::{Id, StoreError};
+use crate::store::{Id, StoreError, leases};
 use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -39,8 +39,11 @@ pub enum NewJob {
     Inspect {
         /// Id, if the client chooses it.
         id: Option<Uuid>,
-        /// The complete acquisition to inspect.
+        /// The acquisition to inspect: complete, unless `live` is true.
         acquisition_id: Uuid,
+        /// True: the acquisition may still be open. Frames are inspected as they arrive, and gaps awaited.
+        #[serde(default)]
+        live: bool,
         /// A model of the same rope; without one, only lay lengths are measured.
         model_id: Option<Uuid>,
         /// Line score above which a line is an alarm, else the model's threshold at this moment.
@@ -103,10 +106,22 @@ pub struct JobProgress {
     stage: Option<String>,
     /// Metres of rope done in this stage.
     done_m: f64,
-    /// Metres of rope in this stage.
+    /// Metres of rope in this stage; while frames still arrive, of those that are there.
     total_m: f64,
     /// `done_m / total_m` of the stage, 0 to 1.
     fraction: f64,
+}
+
+/// The frame that a job on an open acquisition waits for.
+#[derive(Debug, PartialEq, Serialize, ToSchema)]
+pub struct WaitingFor {
+    /// The view.
+    view: u32,
+    /// Number of the frame.
+    frame: u32,
+    /// Since when.
+    #[schema(format = DateTime)]
+    since: String,
 }
 
 /// What came of a job.
@@ -144,16 +159,21 @@ pub struct Job {
     /// The model it judges with.
     #[schema(required)]
     model_id: Option<Uuid>,
+    /// True when it may begin before the acquisition is complete.
+    live: bool,
     /// State.
     state: JobState,
     /// True when somebody asked to cancel it.
     cancel_requested: bool,
     /// How far it is.
     progress: JobProgress,
+    /// The frame that it waits for; null when it does not wait.
+    #[schema(required)]
+    waiting_for: Option<WaitingFor>,
     /// Speed of the stage so far.
     #[schema(required)]
     metres_per_second: Option<f64>,
-    /// Times it was started.
+    /// Times it was started since it last waited for a frame.
     attempts: u32,
     /// Why the last attempt failed.
     #[schema(required)]
@@ -196,9 +216,21 @@ impl TryFrom<jobs::Job> for Job {
             kind,
             acquisition_id: row.acquisition_id.0,
             model_id: row.model_id.map(|m| m.0),
+            live: row.live,
             state: JobState::of_name(&row.state).ok_or_else(|| wrong("state", row.state.clone()))?,
             cancel_requested: row.cancel_requested,
             progress: JobProgress { stage: row.stage.clone(), done_m, total_m, fraction },
+            waiting_for: row
+                .waiting_for
+                .as_deref()
+                .filter(|_| row.state == "running")
+                .map(|json| serde_json::from_str(json).map_err(|e| wrong("waiting_for", e.to_string())))
+                .transpose()?
+                .map(|w: leases::WaitingFor| WaitingFor {
+                    view: w.view,
+                    frame: w.frame,
+                    since: times::rfc3339(w.since_ms),
+                }),
             metres_per_second: row.metres_per_second,
             attempts: row.attempts,
             error: row
@@ -236,8 +268,8 @@ fn read(app: &App, body: NewJob) -> Result<Row, Problem> {
             super::lay_lengths::range_m(from_m, to_m, None)?;
             (id, acquisition_id, Task::Train { from_m, to_m }, idempotency_key)
         }
-        NewJob::Inspect { id, acquisition_id, model_id, threshold, idempotency_key } => {
-            let task = Task::Inspect { model_id: model_id.map(Id), threshold };
+        NewJob::Inspect { id, acquisition_id, live, model_id, threshold, idempotency_key } => {
+            let task = Task::Inspect { model_id: model_id.map(Id), threshold, live };
             (id, acquisition_id, task, idempotency_key)
         }
     };
@@ -251,7 +283,7 @@ fn unknown(field: &str, what: &str, id: Id) -> Problem {
     Problem::unknown_reference(format!("there is no {what} {id}")).with("field", field).with("value", id.to_string())
 }
 
-/// Queue a job on a complete acquisition
+/// Queue a job on a complete acquisition, or a live inspection of one that is still arriving
 #[utoipa::path(post, path = "/jobs", tag = "jobs", request_body = NewJob, responses(
     (status = 202, description = "It is queued, or was by the same request before", body = Job, headers(("location" = String, description = "Where to ask for it"))),
     WriteProblems))]
@@ -264,6 +296,7 @@ pub async fn create_job(State(app): State<App>, Json(body): Json<NewJob>) -> Res
     let job = match app.store.enqueue(&new, app.now_ms()).await? {
         Enqueued::New(job) => {
             app.jobs_wake.notify_one();
+            app.live_jobs_wake.notify_one();
             job
         }
         Enqueued::Same(job) => job,

@@ -41,7 +41,7 @@ pub struct LayLength {
     #[schema(required)]
     view: Option<usize>,
     /// First camera line.
-    first_line: usize,
+    pub first_line: usize,
     /// Last camera line.
     last_line: usize,
     /// Rope metre where it begins.
@@ -153,6 +153,16 @@ pub fn range_m(from_m: Option<f64>, to_m: Option<f64>, span: Option<(f64, f64)>)
     }
 }
 
+/// Reads which view is asked for; `None`: fused over all.
+pub fn view(text: Option<&str>) -> Result<Option<u32>, Problem> {
+    match text {
+        None | Some("fused") => Ok(None),
+        Some(text) => text.parse().map(Some).map_err(|_| {
+            Problem::malformed_query(format!("view is {text:?}, but must be fused or a number")).with("value", text)
+        }),
+    }
+}
+
 /// Refuses numbers of buckets that nobody can draw.
 pub fn check_buckets(n: u32) -> Result<u32, Problem> {
     if (1..=MAX_BUCKETS).contains(&n) {
@@ -173,16 +183,10 @@ pub async fn get_lay_lengths(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let inspection = inspections::load(&app, id).await?;
-    let view = match query.view.as_deref() {
-        None | Some("fused") => None,
-        Some(text) => {
-            let view: u32 = text.parse().map_err(|_| {
-                Problem::malformed_query(format!("view is {text:?}, but must be fused or a number")).with("value", text)
-            })?;
-            inspections::check_view(&app, inspection.acquisition_id, view).await?;
-            Some(view)
-        }
-    };
+    let view = view(query.view.as_deref())?;
+    if let Some(view) = view {
+        inspections::check_view(&app, inspection.acquisition_id, view).await?;
+    }
     let span = app.store.lay_length_span(Id(id)).await?;
     let (from_m, to_m) = range_m(query.from_m, query.to_m, span)?;
     let n = query.buckets.map(check_buckets).transpose()?;

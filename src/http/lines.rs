@@ -15,6 +15,13 @@ const MAX_LINE: u64 = MAX_FRAMES as u64 * MAX_FRAME_LINES as u64;
 #[schema(maximum = 65_536_000_000_u64)]
 pub struct LineNumber(u64);
 
+impl LineNumber {
+    /// The number.
+    pub fn get(self) -> u64 {
+        self.0
+    }
+}
+
 impl TryFrom<u64> for LineNumber {
     type Error = String;
 

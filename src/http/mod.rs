@@ -29,6 +29,7 @@ pub mod pages;
 pub mod picture;
 pub mod pictures;
 pub mod problem;
+pub mod provisional;
 pub mod receipts;
 pub mod rope_windows;
 pub mod ropes;

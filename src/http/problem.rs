@@ -103,6 +103,8 @@ kinds! {
     wrong_tus_version: PRECONDITION_FAILED, "wrong-tus-version", "Only version 1.0.0 of tus is spoken";
     /// Not an archive of an acquisition.
     archive_refused: UNPROCESSABLE_ENTITY, "archive-refused", "The archive cannot be taken";
+    /// The job has ended.
+    provisional_gone: GONE, "provisional-gone", "The job has ended, and with it what was provisional";
     /// Retention took the frames.
     frames_removed: GONE, "frames-removed", "The frames of the acquisition were removed";
     /// Too many bytes.

@@ -3,8 +3,8 @@
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
 use super::{
     Problem, acquisitions, defect_card, defects, deliveries, frames, guard, health, history, inspections, job_events,
-    jobs, lay_lengths, line_scores, manifest, models, openapi, pictures, receipts, rope_windows, ropes, ropeways,
-    surface_alarms, threshold_preview, thresholds, tokens, tus, unpack, webhooks,
+    jobs, lay_lengths, line_scores, manifest, models, openapi, pictures, provisional, receipts, rope_windows, ropes,
+    ropeways, surface_alarms, threshold_preview, thresholds, tokens, tus, unpack, webhooks,
 };
 use crate::app::App;
 use axum::Router;
@@ -48,6 +48,8 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(jobs::list_jobs))
         .routes(routes!(jobs::get_job))
         .routes(routes!(job_events::get_job_events))
+        .routes(routes!(provisional::get_provisional_lay_lengths))
+        .routes(routes!(provisional::get_provisional_defects))
         .routes(routes!(models::list_models))
         .routes(routes!(models::get_model))
         .routes(routes!(models::get_model_file))

@@ -1,5 +1,6 @@
 //! Scores aligned stretches with a model, and gathers alarms, line scores and likelihood maps.
 
+use super::found::{DefectsSoFar, FoundDefects};
 use super::model_file::Model;
 use super::results::{AlarmRow, DefectRow};
 use super::tables::LineValues;
@@ -23,6 +24,7 @@ pub(super) struct Detection<'a> {
     model: &'a Model,
     threshold: f64,
     builders: Vec<AlarmBuilder>,
+    so_far: DefectsSoFar,
     line_scores: LineValues,
 }
 
@@ -30,7 +32,8 @@ impl<'a> Detection<'a> {
     /// Nothing found yet.
     pub fn new(acquisition: &'a Acquisition, model: &'a Model, threshold: f64, line_scores: LineValues) -> Self {
         let builder = |v| AlarmBuilder::new(v, threshold, acquisition.line_pitch_mm);
-        Self { acquisition, model, threshold, builders: (0..model.views.len()).map(builder).collect(), line_scores }
+        let builders = (0..model.views.len()).map(builder).collect();
+        Self { acquisition, model, threshold, builders, so_far: DefectsSoFar::default(), line_scores }
     }
 
     /// Scores a stretch; answers its likelihood maps if they are wanted (white where nothing was judged).
@@ -84,6 +87,11 @@ impl<'a> Detection<'a> {
         Ok(images)
     }
 
+    /// What is new among the defects when everything before `next_line` was taken.
+    pub fn so_far(&mut self, next_line: usize) -> FoundDefects {
+        self.so_far.look(self.acquisition, &self.builders, next_line)
+    }
+
     /// The defects, and the line scores to be written.
     pub fn finish(self) -> (Vec<DefectRow>, LineValues) {
         let alarms = self.builders.into_iter().flat_map(AlarmBuilder::finish).collect();
@@ -93,7 +101,8 @@ impl<'a> Detection<'a> {
     }
 }
 
-fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) -> DefectRow {
+/// A defect as the tables show it.
+pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) -> DefectRow {
     let peak = defect.peak();
     DefectRow {
         id,

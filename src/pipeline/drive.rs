@@ -40,9 +40,8 @@ impl Drive<'_> {
         reader: &mut StretchReader<'_>,
         mut take: impl FnMut(AlignedStretch, &[Camera]) -> Result<(), PipelineError>,
     ) -> Result<(), PipelineError> {
-        let range = reader.range();
+        let first_line = reader.range().start;
         let pitch_m = self.acquisition.line_pitch_mm / 1000.0;
-        let total_m = range.len() as f64 * pitch_m;
         let mut aligner = Aligner::new(aligner_spec(self.acquisition));
         loop {
             if self.progress.cancelled() {
@@ -55,8 +54,9 @@ impl Drive<'_> {
                 None => aligner.finish(),
             };
             let cameras = aligner.cameras().unwrap_or_default();
+            let total_m = (reader.range().end - first_line) as f64 * pitch_m;
             for stretch in aligned {
-                let done_m = (stretch.first_line + stretch.lines - range.start) as f64 * pitch_m;
+                let done_m = (stretch.first_line + stretch.lines - first_line) as f64 * pitch_m;
                 take(stretch, &cameras)?;
                 self.progress.report(ProgressReport { stage: self.stage, done_m, total_m });
             }

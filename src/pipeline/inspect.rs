@@ -2,6 +2,7 @@
 
 use super::detection::Detection;
 use super::drive::Drive;
+use super::found::Found;
 use super::maps::MapWriter;
 use super::model_file::Model;
 use super::results::{DefectRow, LineScoreFormat, NotCovered, Summary, Threshold};
@@ -51,7 +52,6 @@ pub fn inspect(
     };
     let mut reader = drive.reader()?;
     let views = acquisition.view_angles_rad.len();
-    let total_m = reader.lines() as f64 * acquisition.line_pitch_mm / 1000.0;
     let mut lay_lengths = LayLengthTable::create(results_folder.join("lay_lengths.csv"), acquisition.rope.strands())?;
     let mut displacement = LineValues::create(results_folder, views)?;
     let threshold = model.as_ref().map(|m| match options.threshold {
@@ -65,16 +65,14 @@ pub fn inspect(
         _ => None,
     };
     let mut maps = match (&model, options.maps) {
-        (Some(_), true) => {
-            let frames = (0..views).map(|v| reader.frame_lines(v)).collect();
-            Some(MapWriter::new(results_folder.join("maps"), acquisition.sensor_px as usize, frames))
-        }
+        (Some(_), true) => Some(MapWriter::new(results_folder.join("maps"), acquisition.sensor_px as usize, source)),
         _ => None,
     };
     let mut coverage = Coverage::default();
     drive.run(&mut reader, |stretch, cameras| {
-        for row in lay_length_rows(acquisition, &stretch) {
-            lay_lengths.write(&row)?;
+        let rows = lay_length_rows(acquisition, &stretch);
+        for row in &rows {
+            lay_lengths.write(row)?;
         }
         for (v, view) in stretch.views.iter().enumerate() {
             let aligned = stretch.estimates.is_ok() && view.usable();
@@ -87,8 +85,11 @@ pub fn inspect(
                 maps.append(images)?;
             }
         }
+        let defects = detection.as_mut().map(|d| d.so_far(stretch.first_line + stretch.lines));
+        progress.found(Found { lay_lengths: rows, defects: defects.unwrap_or_default() });
         Ok(())
     })?;
+    let total_m = reader.lines() as f64 * acquisition.line_pitch_mm / 1000.0;
     lay_lengths.finish()?;
     displacement.write_csv("displacement.csv", "view,line,displacement_px", true, 3)?;
     if let Some(maps) = maps {
@@ -104,7 +105,7 @@ pub fn inspect(
         write_json(&results_folder.join("defects.json"), &rows)?;
         defects = Some(rows);
     }
-    let seconds = started.elapsed().as_secs_f64();
+    let seconds = (started.elapsed() - reader.waited()).as_secs_f64();
     let summary = Summary {
         ropescope_version: env!("CARGO_PKG_VERSION").into(),
         model: options

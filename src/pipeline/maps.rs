@@ -1,7 +1,7 @@
 //! Writes likelihood maps as images of the same geometry as the frames, while stretches go by.
 
-use super::PipelineError;
 use super::tables::write_error;
+use super::{FrameSource, PipelineError};
 use crate::vision::image::GrayImage;
 use rayon::prelude::*;
 use std::fs::File;
@@ -9,52 +9,48 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 struct ViewMaps {
+    view: usize,
     folder: PathBuf,
     width: usize,
-    frame_lines: Vec<usize>,
     frame: usize,
     pixels: Vec<u8>,
 }
 
 /// `maps/view{v}/frame_{n:06}.png`, 8-bit gray.
-pub(super) struct MapWriter {
+pub(super) struct MapWriter<'a> {
+    source: &'a dyn FrameSource,
     views: Vec<ViewMaps>,
 }
 
-impl MapWriter {
-    /// `frame_lines[view][frame]` gives the heights.
-    pub fn new(folder: PathBuf, width: usize, frame_lines: Vec<Vec<usize>>) -> Self {
-        let views = frame_lines
-            .into_iter()
-            .enumerate()
-            .map(|(v, frame_lines)| ViewMaps {
-                folder: folder.join(format!("view{v}")),
-                width,
-                frame_lines,
-                frame: 0,
-                pixels: Vec::new(),
-            })
-            .collect();
-        Self { views }
+impl<'a> MapWriter<'a> {
+    /// The frames of `source` give the heights; those that a stretch was read from are known by then.
+    pub fn new(folder: PathBuf, width: usize, source: &'a dyn FrameSource) -> Self {
+        let view = |view| {
+            let folder = folder.join(format!("view{view}"));
+            ViewMaps { view, folder, width, frame: 0, pixels: Vec::new() }
+        };
+        Self { source, views: (0..source.views()).map(view).collect() }
     }
 
     /// Appends the maps of a stretch, one a view; writes the frames that became whole.
     pub fn append(&mut self, images: Vec<GrayImage>) -> Result<(), PipelineError> {
+        let source = self.source;
         self.views.par_iter_mut().zip(images).try_for_each(|(view, image)| {
             view.pixels.extend_from_slice(image.pixels());
-            view.write_whole_frames()
+            view.write_whole_frames(source)
         })
     }
 
     /// Writes what is left: an acquisition whose views end at different lines has been padded.
     pub fn finish(mut self) -> Result<(), PipelineError> {
-        self.views.iter_mut().try_for_each(ViewMaps::write_whole_frames)
+        self.views.iter_mut().try_for_each(|view| view.write_whole_frames(self.source))
     }
 }
 
 impl ViewMaps {
-    fn write_whole_frames(&mut self) -> Result<(), PipelineError> {
-        while let Some(&lines) = self.frame_lines.get(self.frame) {
+    fn write_whole_frames(&mut self, source: &dyn FrameSource) -> Result<(), PipelineError> {
+        while !self.pixels.is_empty() && self.frame < source.frames(self.view) {
+            let lines = source.lines(self.view, self.frame)?;
             if self.pixels.len() < lines * self.width {
                 return Ok(());
             }

@@ -4,6 +4,7 @@ pub mod acquisition;
 pub mod closeup;
 mod detection;
 mod drive;
+pub mod found;
 pub mod inspect;
 mod maps;
 pub mod model_file;
@@ -18,6 +19,7 @@ pub mod train;
 pub mod windows;
 
 pub use acquisition::{Acquisition, AcquisitionError, RopeFile};
+pub use found::Found;
 pub use inspect::{InspectOptions, inspect};
 pub use progress::{Progress, ProgressReport};
 pub use source::{FrameFiles, FrameSource, SourceError};
@@ -28,9 +30,9 @@ use std::path::PathBuf;
 /// Why a run of the pipeline ended without a result.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
-    /// A frame could not be read.
+    /// A frame could not be had.
     #[error(transparent)]
-    Source(#[from] SourceError),
+    Source(SourceError),
     /// The acquisition itself is not usable.
     #[error(transparent)]
     Acquisition(#[from] AcquisitionError),
@@ -71,4 +73,13 @@ pub enum PipelineError {
     /// The caller asked to stop.
     #[error("cancelled")]
     Cancelled,
+}
+
+impl From<SourceError> for PipelineError {
+    fn from(error: SourceError) -> Self {
+        match error {
+            SourceError::Stopped => Self::Cancelled,
+            error => Self::Source(error),
+        }
+    }
 }

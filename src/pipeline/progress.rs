@@ -1,5 +1,7 @@
 //! What a long run says of itself, and how it is told to stop.
 
+use super::Found;
+
 /// State of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProgressReport {
@@ -7,7 +9,7 @@ pub struct ProgressReport {
     pub stage: &'static str,
     /// Metres of rope done in this stage.
     pub done_m: f64,
-    /// Metres of rope in this stage.
+    /// Metres of rope in this stage; of frames that still arrive, those that are there.
     pub total_m: f64,
 }
 
@@ -15,6 +17,8 @@ pub struct ProgressReport {
 pub trait Progress: Send + Sync {
     /// Takes a report. Called from worker threads, at most a few times per frame.
     fn report(&self, report: ProgressReport);
+    /// Takes what an inspection has just found, stretch after stretch.
+    fn found(&self, _found: Found) {}
     /// True when the run shall end with [`super::PipelineError::Cancelled`].
     fn cancelled(&self) -> bool {
         false

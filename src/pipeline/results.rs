@@ -121,7 +121,7 @@ pub struct Summary {
     pub threshold: Option<Threshold>,
     /// Number of defects; `None` without a model.
     pub defects: Option<usize>,
-    /// Wall-clock seconds of the run.
+    /// Wall-clock seconds of the run, without those in which it waited for frames.
     pub seconds: f64,
     /// Metres of rope (all views) per second.
     pub metres_per_second: f64,

@@ -1,4 +1,4 @@
-//! Where frames come from: image files today, whatever implements [`FrameSource`] tomorrow.
+//! Where frames come from: image files, all there or still arriving, or whatever implements [`FrameSource`].
 
 use std::fs::File;
 use std::io::BufReader;
@@ -54,6 +54,21 @@ pub enum SourceError {
         /// Columns of the sensor.
         sensor_px: u32,
     },
+    /// An acquisition that was not completed, and of which nothing came any more.
+    #[error(
+        "frame {frame} of view {view} did not come, and no other frame for {quiet_h:.1} h: send the rest and complete the acquisition, then queue the job again"
+    )]
+    Abandoned {
+        /// The view.
+        view: usize,
+        /// The frame that was awaited.
+        frame: usize,
+        /// Hours since a frame came.
+        quiet_h: f64,
+    },
+    /// The run was told to stop while it waited for a frame.
+    #[error("stopped while a frame was awaited")]
+    Stopped,
 }
 
 /// A frame as decoded: gray values scaled to 8 bit, rows are camera lines.
@@ -71,8 +86,12 @@ pub struct Frame {
 pub trait FrameSource: Send + Sync {
     /// Number of views.
     fn views(&self) -> usize;
-    /// Number of frames of `view`.
+    /// Number of frames of `view`; of a source that still grows, those without a gap before them.
     fn frames(&self, view: usize) -> usize;
+    /// True when the frame is there, false when the view ends before it. A source that still grows waits until it knows.
+    fn wait_for(&self, view: usize, frame: usize) -> Result<bool, SourceError> {
+        Ok(frame < self.frames(view))
+    }
     /// Lines of a frame, read from its header without decoding it.
     fn lines(&self, view: usize, frame: usize) -> Result<usize, SourceError>;
     /// Decodes a frame.
@@ -90,6 +109,11 @@ impl FrameFiles {
     /// `paths[view][frame]`; every image must be `sensor_px` wide.
     pub fn new(sensor_px: u32, paths: Vec<Vec<PathBuf>>) -> Self {
         Self { sensor_px, paths }
+    }
+
+    /// Adds the next frame of a view.
+    pub fn push(&mut self, view: usize, path: PathBuf) {
+        self.paths[view].push(path);
     }
 
     fn path(&self, view: usize, frame: usize) -> Result<&Path, SourceError> {

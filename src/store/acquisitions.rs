@@ -288,6 +288,7 @@ impl Store {
         }
         sqlx::query("update acquisition set state = 'complete' where id = $1").bind(id).execute(&mut *tx).await?;
         tx.commit().await?;
+        self.arrivals.send_replace(());
         Ok(Completion::Complete)
     }
 

@@ -63,6 +63,48 @@ impl Store {
             .await?)
     }
 
+    /// Whether an acquisition is complete, and how many frames of all views are there. Errors: there is no such acquisition.
+    pub async fn arrived(&self, acquisition: Id) -> Result<(bool, i64), StoreError> {
+        Ok(sqlx::query_as(
+            "select state = 'complete', (select sum(frames_present) from view where acquisition_id = $1) from acquisition where id = $1",
+        )
+        .bind(acquisition)
+        .fetch_one(self.reader())
+        .await?)
+    }
+
+    /// Frames of a view from number `from` on without a gap, at most `limit`. A frame that was found damaged is a gap while it may
+    /// be sent again: in an acquisition that is not `complete`.
+    pub async fn frames_from(
+        &self,
+        acquisition: Id,
+        view: u32,
+        from: u32,
+        limit: u32,
+        complete: bool,
+    ) -> Result<Vec<Frame>, StoreError> {
+        let frames: Vec<Frame> = sqlx::query_as(
+            "select * from frame where acquisition_id = $1 and view = $2 and frame >= $3 and (damaged_at_ms is null or $5)
+             order by frame limit $4",
+        )
+        .bind(acquisition)
+        .bind(view)
+        .bind(from)
+        .bind(limit)
+        .bind(complete)
+        .fetch_all(self.reader())
+        .await?;
+        Ok(frames.into_iter().zip(from..).take_while(|(f, number)| f.frame == *number).map(|(f, _)| f).collect())
+    }
+
+    /// When the last frame of an acquisition was acknowledged, ms since 1970.
+    pub async fn last_arrival_ms(&self, acquisition: Id) -> Result<Option<i64>, StoreError> {
+        Ok(sqlx::query_scalar("select max(received_at_ms) from frame where acquisition_id = $1")
+            .bind(acquisition)
+            .fetch_one(self.reader())
+            .await?)
+    }
+
     /// The frames of all views, for the pipeline.
     pub async fn frame_files(&self, acquisition: &Acquisition) -> Result<FrameFiles, StoreError> {
         let mut paths = Vec::with_capacity(acquisition.views.len());
@@ -127,6 +169,7 @@ impl Store {
             .execute(&mut *tx)
             .await?;
             tx.commit().await?;
+            self.arrivals.send_replace(());
             return Ok(FrameStored::New(frame));
         }
         if state != "open" {
@@ -160,6 +203,7 @@ impl Store {
             .execute(&mut *tx)
             .await?;
         tx.commit().await?;
+        self.arrivals.send_replace(());
         Ok(FrameStored::New(frame))
     }
 

@@ -6,7 +6,7 @@ use super::{Id, Page, PageRequest, Store, StoreError, model_thresholds};
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
 #[expect(
     missing_docs,
-    reason = "migrations/0003_jobs_and_tokens.sql and 0006_thresholds.sql say what each column means"
+    reason = "migrations/0003_jobs_and_tokens.sql, 0006_thresholds.sql and 0020_live.sql say what each column means"
 )]
 pub struct Job {
     pub seq: i64,
@@ -36,6 +36,8 @@ pub struct Job {
     pub created_at_ms: i64,
     pub started_at_ms: Option<i64>,
     pub finished_at_ms: Option<i64>,
+    pub live: bool,
+    pub waiting_for: Option<String>,
 }
 
 impl Job {
@@ -61,6 +63,8 @@ pub enum Task {
         model_id: Option<Id>,
         /// `None`: the one that holds for the model when the job is queued.
         threshold: Option<f64>,
+        /// It may begin while the acquisition is still open.
+        live: bool,
     },
 }
 
@@ -69,7 +73,7 @@ pub enum Task {
 pub struct NewJob {
     /// Id.
     pub id: Id,
-    /// The complete acquisition to work on.
+    /// The acquisition to work on: complete, or else the job is live.
     pub acquisition_id: Id,
     /// What to do with it.
     pub task: Task,
@@ -88,7 +92,7 @@ pub enum Enqueued {
     Different(Job),
     /// There is no such acquisition.
     NoAcquisition,
-    /// The acquisition is not complete.
+    /// The acquisition is not complete, and the job is not live.
     Incomplete,
     /// There is no such model.
     NoModel,
@@ -113,11 +117,11 @@ pub enum Cancellation {
 }
 
 impl Store {
-    /// Queues a job on a complete acquisition.
+    /// Queues a job.
     pub async fn enqueue(&self, new: &NewJob, now_ms: i64) -> Result<Enqueued, StoreError> {
-        let (kind, from_m, to_m, model_id, threshold) = match new.task {
-            Task::Train { from_m, to_m } => ("train", from_m, to_m, None, None),
-            Task::Inspect { model_id, threshold } => ("inspect", None, None, model_id, threshold),
+        let (kind, from_m, to_m, model_id, threshold, live) = match new.task {
+            Task::Train { from_m, to_m } => ("train", from_m, to_m, None, None, false),
+            Task::Inspect { model_id, threshold, live } => ("inspect", None, None, model_id, threshold, live),
         };
         let mut tx = self.write().await?;
         let old: Option<Job> =
@@ -132,6 +136,7 @@ impl Store {
                 && old.acquisition_id == new.acquisition_id
                 && old.model_id == model_id
                 && old.threshold == threshold
+                && old.live == live
                 && old.from_m == from_m
                 && old.to_m == to_m;
             return Ok(if same { Enqueued::Same(old) } else { Enqueued::Different(old) });
@@ -141,7 +146,7 @@ impl Store {
             .fetch_optional(&mut *tx)
             .await?;
         let Some((rope, state)) = acquisition else { return Ok(Enqueued::NoAcquisition) };
-        if state != "complete" {
+        if state != "complete" && !live {
             return Ok(Enqueued::Incomplete);
         }
         if let Some(model) = model_id {
@@ -163,8 +168,8 @@ impl Store {
         };
         let job = sqlx::query_as(
             "insert into job (id, kind, rope_id, acquisition_id, model_id, threshold, threshold_version, from_m, to_m, idempotency_key,
-               state, run_at_ms, created_at_ms)
-             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 'queued', $11, $11) returning *",
+               live, state, run_at_ms, created_at_ms)
+             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12, $12) returning *",
         )
         .bind(new.id)
         .bind(kind)
@@ -176,6 +181,7 @@ impl Store {
         .bind(from_m)
         .bind(to_m)
         .bind(&new.idempotency_key)
+        .bind(live)
         .bind(now_ms)
         .fetch_one(&mut *tx)
         .await?;

@@ -8,7 +8,7 @@ use sqlx::SqliteConnection;
 /// Rows per statement: one statement a row is seven times slower.
 const CHUNK: usize = 2000;
 /// `view` of the estimate fused over all views.
-const FUSED: i64 = -1;
+pub(super) const FUSED: i64 = -1;
 
 /// A stretch of rope with its lay lengths.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,7 +22,7 @@ pub struct Stretch {
 }
 
 #[derive(sqlx::FromRow)]
-struct Raw {
+pub(super) struct Raw {
     view: i64,
     first_line: i64,
     last_line: i64,
@@ -39,11 +39,12 @@ struct Raw {
 }
 
 impl Raw {
-    fn stretch(self, inspection: Id) -> Result<Stretch, StoreError> {
+    /// `of`: the inspection or job whose row it is.
+    pub fn stretch(self, of: Id) -> Result<Stretch, StoreError> {
         let wires: Vec<WireEstimate> = serde_json::from_str(&self.wires).map_err(|e| StoreError::Inconsistent {
             table: "lay_length",
             column: "wires",
-            row: format!("{inspection}, view {}, line {}", self.view, self.first_line),
+            row: format!("{of}, view {}, line {}", self.view, self.first_line),
             value: e.to_string(),
         })?;
         Ok(Stretch {
@@ -71,6 +72,39 @@ fn finite(value: Option<f64>) -> Option<f64> {
     value.filter(|v| v.is_finite())
 }
 
+/// Rows as a JSON array, in the order of the columns from `view` on: what `json_each` of an insert takes apart.
+pub(super) fn as_json(rows: &[LayLengthRow], line_pitch_mm: f64) -> String {
+    let values = rows.iter().map(|row| {
+        let half_m = (row.last_line - row.first_line + 1) as f64 / 2.0 * line_pitch_mm / 1000.0;
+        let wires: Vec<_> = row
+            .wires
+            .iter()
+            .map(|w| WireEstimate {
+                lay_mm: finite(w.lay_mm),
+                lay_sd_mm: finite(w.lay_sd_mm),
+                phase_rad: finite(w.phase_rad),
+                score: finite(w.score),
+            })
+            .collect();
+        json!([
+            row.view.map_or(FUSED, |v| v as i64),
+            row.first_line,
+            row.last_line,
+            row.position_m - half_m,
+            row.position_m + half_m,
+            row.position_m,
+            finite(row.strand_lay_mm),
+            finite(row.strand_lay_sd_mm),
+            finite(row.strand_phase_rad),
+            finite(row.strand_score),
+            finite(row.diameter_mm),
+            wires,
+            row.reason,
+        ])
+    });
+    serde_json::Value::Array(values.collect()).to_string()
+}
+
 pub(super) async fn insert(
     connection: &mut SqliteConnection,
     inspection: Id,
@@ -78,37 +112,6 @@ pub(super) async fn insert(
     line_pitch_mm: f64,
 ) -> Result<(), StoreError> {
     for chunk in rows.chunks(CHUNK) {
-        let values: Vec<_> = chunk
-            .iter()
-            .map(|row| {
-                let half_m = (row.last_line - row.first_line + 1) as f64 / 2.0 * line_pitch_mm / 1000.0;
-                let wires: Vec<_> = row
-                    .wires
-                    .iter()
-                    .map(|w| WireEstimate {
-                        lay_mm: finite(w.lay_mm),
-                        lay_sd_mm: finite(w.lay_sd_mm),
-                        phase_rad: finite(w.phase_rad),
-                        score: finite(w.score),
-                    })
-                    .collect();
-                json!([
-                    row.view.map_or(FUSED, |v| v as i64),
-                    row.first_line,
-                    row.last_line,
-                    row.position_m - half_m,
-                    row.position_m + half_m,
-                    row.position_m,
-                    finite(row.strand_lay_mm),
-                    finite(row.strand_lay_sd_mm),
-                    finite(row.strand_phase_rad),
-                    finite(row.strand_score),
-                    finite(row.diameter_mm),
-                    wires,
-                    row.reason,
-                ])
-            })
-            .collect();
         sqlx::query(
             "insert into lay_length (inspection_id, view, first_line, last_line, from_m, to_m, position_m, strand_lay_mm,
                strand_lay_sd_mm, strand_phase_rad, strand_score, diameter_mm, wires, reason)
@@ -116,7 +119,7 @@ pub(super) async fn insert(
                value->>10, value->11, value->>12 from json_each($2)",
         )
         .bind(inspection)
-        .bind(serde_json::Value::Array(values).to_string())
+        .bind(as_json(chunk, line_pitch_mm))
         .execute(&mut *connection)
         .await?;
     }

@@ -5,6 +5,8 @@
 
 use super::jobs::Job;
 use super::{Id, Store, StoreError};
+use serde::Deserialize;
+use serde_json::json;
 use sqlx::SqliteConnection;
 
 /// Claims after which a job is given up: a job that kills its process must not do so forever.
@@ -13,8 +15,17 @@ pub const MAX_ATTEMPTS: u32 = 4;
 const BACK_OFF_MS: [i64; 3] = [5_000, 30_000, 120_000];
 
 /// What a worker says of its job, and hears back.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Heartbeat {
+    /// How far it is; `None` before the first report.
+    pub reached: Option<Reached>,
+    /// The frame that it waits for, if it does.
+    pub waiting_for: Option<WaitingFor>,
+}
+
+/// How far a job is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reached {
     /// What is being done.
     pub stage: &'static str,
     /// Metres of rope done in the stage.
@@ -23,6 +34,26 @@ pub struct Heartbeat {
     pub total_m: f64,
     /// Speed of the stage so far.
     pub metres_per_second: Option<f64>,
+}
+
+/// A frame that a job waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct WaitingFor {
+    /// The view.
+    pub view: u32,
+    /// Number of the frame.
+    pub frame: u32,
+    /// Since when, ms since 1970.
+    pub since_ms: i64,
+}
+
+/// Which jobs a worker takes. Those that wait for frames have workers of their own, so that no other job waits with them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JobsOn {
+    /// Those on complete acquisitions.
+    CompleteAcquisitions,
+    /// Those on acquisitions that are still open.
+    OpenAcquisitions,
 }
 
 /// The answer to a heartbeat or to an attempt to settle.
@@ -37,8 +68,14 @@ pub enum Lease {
 }
 
 impl Store {
-    /// Claims the next job that is due, or whose lease ran out. `None`: nothing to do.
-    pub async fn claim(&self, owner: &str, now_ms: i64, lease_ms: i64) -> Result<Option<Job>, StoreError> {
+    /// Claims the next job of this kind that is due, or whose lease ran out. `None`: nothing to do.
+    pub async fn claim(
+        &self,
+        jobs: JobsOn,
+        owner: &str,
+        now_ms: i64,
+        lease_ms: i64,
+    ) -> Result<Option<Job>, StoreError> {
         let mut tx = self.write().await?;
         // A job that was claimed too often without an end, and one whose cancellation nobody lived to carry out.
         sqlx::query(
@@ -54,14 +91,19 @@ impl Store {
         let job = sqlx::query_as(
             "update job set state = 'running', lease_owner = $1, lease_token = lease_token + 1, lease_until_ms = $2 + $3,
                attempts = attempts + 1, started_at_ms = coalesce(started_at_ms, $2),
-               stage = null, done_m = null, total_m = null, metres_per_second = null
-             where seq = (select seq from job where (state = 'queued' and run_at_ms <= $2) or (state = 'running' and lease_until_ms < $2)
-               order by run_at_ms, seq limit 1)
+               stage = null, done_m = null, total_m = null, metres_per_second = null, waiting_for = null
+             where seq = (select j.seq from job j join acquisition a on a.id = j.acquisition_id
+               where ((j.state = 'queued' and j.run_at_ms <= $2) or (j.state = 'running' and j.lease_until_ms < $2)) and a.state = $4
+               order by j.run_at_ms, j.seq limit 1)
              returning *",
         )
         .bind(owner)
         .bind(now_ms)
         .bind(lease_ms)
+        .bind(match jobs {
+            JobsOn::CompleteAcquisitions => "complete",
+            JobsOn::OpenAcquisitions => "open",
+        })
         .fetch_optional(&mut *tx)
         .await?;
         tx.commit().await?;
@@ -93,27 +135,32 @@ impl Store {
         Ok(reclaimed)
     }
 
-    /// Renews the lease and records progress.
+    /// Renews the lease and records progress. A job that has come to wait for frames has survived all that are there: its earlier
+    /// attempts do not count any more, or one that waits for days would be given up with its fourth power cut.
     pub async fn heartbeat(
         &self,
         job: Id,
         token: i64,
-        progress: Option<Heartbeat>,
+        beat: &Heartbeat,
         lease_until_ms: i64,
     ) -> Result<Lease, StoreError> {
         let mut tx = self.write().await?;
+        let waiting_for =
+            beat.waiting_for.map(|w| json!({ "view": w.view, "frame": w.frame, "since_ms": w.since_ms }).to_string());
         let cancel: Option<bool> = sqlx::query_scalar(
             "update job set lease_until_ms = $3, stage = coalesce($4, stage), done_m = coalesce($5, done_m),
-               total_m = coalesce($6, total_m), metres_per_second = coalesce($7, metres_per_second)
+               total_m = coalesce($6, total_m), metres_per_second = coalesce($7, metres_per_second),
+               waiting_for = $8, attempts = iif($8 is null, attempts, 1)
              where id = $1 and lease_token = $2 and state = 'running' returning cancel_requested",
         )
         .bind(job)
         .bind(token)
         .bind(lease_until_ms)
-        .bind(progress.map(|p| p.stage))
-        .bind(progress.map(|p| p.done_m))
-        .bind(progress.map(|p| p.total_m))
-        .bind(progress.and_then(|p| p.metres_per_second))
+        .bind(beat.reached.map(|r| r.stage))
+        .bind(beat.reached.map(|r| r.done_m))
+        .bind(beat.reached.map(|r| r.total_m))
+        .bind(beat.reached.and_then(|r| r.metres_per_second))
+        .bind(waiting_for)
         .fetch_optional(&mut *tx)
         .await?;
         tx.commit().await?;

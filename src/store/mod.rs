@@ -19,6 +19,7 @@ pub mod manifest;
 pub mod model_thresholds;
 pub mod models;
 pub mod outbox;
+pub mod provisional;
 pub mod receipts;
 pub mod retention;
 mod rope_file;
@@ -36,6 +37,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{Sqlite, SqlitePool, Transaction};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use tokio::sync::watch;
 
 /// Connections that only read.
 const READERS: u32 = 4;
@@ -150,6 +152,8 @@ pub struct Store {
     writer: SqlitePool,
     reader: SqlitePool,
     folder: DataFolder,
+    /// Told when a frame was recorded or an acquisition completed by this process.
+    arrivals: watch::Sender<()>,
 }
 
 impl Store {
@@ -174,12 +178,18 @@ impl Store {
             .acquire_timeout(Duration::from_secs(30))
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        Ok(Self { writer, reader, folder })
+        Ok(Self { writer, reader, folder, arrivals: watch::Sender::new(()) })
     }
 
     /// The files beside the database.
     pub fn folder(&self) -> &DataFolder {
         &self.folder
+    }
+
+    /// Changes whenever this process has recorded a frame or completed an acquisition, of whatever acquisition. What other
+    /// processes do is not heard here.
+    pub fn arrivals(&self) -> watch::Receiver<()> {
+        self.arrivals.subscribe()
     }
 
     /// Begins a transaction that writes. Immediate: a transaction that reads first and writes later fails at once when

@@ -114,11 +114,22 @@ impl AlarmBuilder {
         }
     }
 
+    /// Alarms so far that begin at `line` or later; the last one may still grow.
+    pub fn since(&self, line: usize) -> impl Iterator<Item = &Alarm> {
+        let settled = self.done.partition_point(|alarm| alarm.first_line < line);
+        self.done[settled..].iter().chain(self.open.as_ref().filter(move |open| open.first_line >= line))
+    }
+
     /// All alarms.
     pub fn finish(mut self) -> Vec<Alarm> {
         self.done.extend(self.open);
         self.done
     }
+}
+
+/// How far behind an alarm may end and still be joined by one that comes later, in lines.
+pub fn reach_lines(pitch_mm: f64) -> usize {
+    ((ALARM_GAP_MM + DEFECT_GAP_MM) / pitch_mm).ceil() as usize
 }
 
 /// Merges alarms into defects: those of one strand nearby, and those of different views at the same place of the rope.

@@ -1,6 +1,6 @@
 //! Why a job failed, as a problem that a client can read, and whether another attempt makes sense.
 
-use crate::pipeline::PipelineError;
+use crate::pipeline::{PipelineError, SourceError};
 use crate::store::StoreError;
 use serde_json::json;
 use std::path::Path;
@@ -25,6 +25,9 @@ impl Failure {
     pub fn of_pipeline(error: &PipelineError, data: &Path) -> Self {
         let text = error.to_string().replace(&format!("{}/", data.display()), "");
         match error {
+            PipelineError::Source(SourceError::Abandoned { .. }) => {
+                Self::new("acquisition-abandoned", "The acquisition was not completed", text, false)
+            }
             PipelineError::Source(_) => Self::new("frame-unreadable", "A stored frame cannot be read", text, false),
             PipelineError::Acquisition(_) => {
                 Self::new("acquisition-unusable", "The acquisition cannot be used", text, false)

@@ -1,7 +1,9 @@
 //! Workers: claim a job, run it off the async threads, settle it.
 //!
-//! [`Workers::step`] does one round and is what tests call; [`Workers::spawn`] repeats it until the process goes down.
+//! Jobs on open acquisitions have workers of their own: they wait for frames, perhaps for days, and keep what they have learnt of the
+//! rope in memory meanwhile. So they hold up nobody else, and never begin anew because somebody else is waiting.
 
+mod arriving;
 pub mod engine;
 mod failure;
 pub mod results_folder;
@@ -13,7 +15,9 @@ pub use run::Ended;
 
 use crate::app::App;
 use crate::store::StoreError;
+use crate::store::leases::JobsOn;
 use std::sync::Arc;
+use tokio::sync::Notify;
 use tokio_util::task::TaskTracker;
 
 /// The workers of a process. Cheap to clone.
@@ -32,19 +36,25 @@ impl Workers {
 
     /// Starts as many as the settings say.
     pub fn spawn(self, tasks: &TaskTracker) {
-        for _ in 0..self.app.settings.workers {
-            tasks.spawn(self.clone().work());
+        let settings = &self.app.settings;
+        for _ in 0..settings.workers {
+            tasks.spawn(self.clone().work(JobsOn::CompleteAcquisitions, self.app.jobs_wake.clone()));
+        }
+        let live_jobs = if settings.workers == 0 { 0 } else { settings.live.jobs };
+        for _ in 0..live_jobs {
+            tasks.spawn(self.clone().work(JobsOn::OpenAcquisitions, self.app.live_jobs_wake.clone()));
         }
     }
 
     /// Runs the next job, if there is one that is due. `None`: nothing to do.
-    pub async fn step(&self) -> Result<Option<Ended>, StoreError> {
+    async fn step(&self, jobs: JobsOn) -> Result<Option<Ended>, StoreError> {
         let reclaimed = self.app.store.reclaim(&self.owner).await?;
         if reclaimed > 0 {
             tracing::info!(jobs = reclaimed, "took over the jobs of a process that died");
         }
         let lease_ms = self.app.settings.lease.duration.as_millis() as i64;
-        let Some(job) = self.app.store.claim(&self.owner, self.app.now_ms(), lease_ms).await? else { return Ok(None) };
+        let claimed = self.app.store.claim(jobs, &self.owner, self.app.now_ms(), lease_ms).await?;
+        let Some(job) = claimed else { return Ok(None) };
         tracing::info!(job = %job.id, kind = job.kind, attempt = job.attempts, "job started");
         let ended = run::run(&self.app, &self.engine, &job).await?;
         tracing::info!(job = %job.id, kind = job.kind, ?ended, "job ended");
@@ -53,15 +63,15 @@ impl Workers {
         Ok(Some(ended))
     }
 
-    async fn work(self) {
+    async fn work(self, jobs: JobsOn, wake: Arc<Notify>) {
         while !self.app.shutdown.is_cancelled() {
-            match self.step().await {
+            match self.step(jobs).await {
                 Ok(Some(_)) => continue,
                 Ok(None) => {}
                 Err(error) => tracing::error!(%error, "the queue could not be worked on"), // a full disk passes
             }
             tokio::select! {
-                () = self.app.jobs_wake.notified() => {}
+                () = wake.notified() => {}
                 () = tokio::time::sleep(self.app.settings.lease.poll) => {}
                 () = self.app.shutdown.cancelled() => {}
             }

@@ -1,12 +1,13 @@
 //! Runs one claimed job from its frames to its settled result.
 
+use super::arriving::ArrivingFrames;
 use super::engine::Engine;
 use super::failure::Failure;
 use super::results_folder;
 use super::watch::{Stop, Watch};
 use crate::app::App;
 use crate::pipeline::results::{LineScoreFormat, Summary};
-use crate::pipeline::{self, FrameFiles, InspectOptions, PipelineError, TrainOptions};
+use crate::pipeline::{self, FrameSource, InspectOptions, PipelineError, TrainOptions};
 use crate::store::inspections::NewInspection;
 use crate::store::jobs::Job;
 use crate::store::leases::Lease;
@@ -35,7 +36,7 @@ pub enum Ended {
 /// What the CPU works on, gathered beforehand.
 struct Input {
     acquisition: pipeline::Acquisition,
-    frames: FrameFiles,
+    frames: Box<dyn FrameSource>,
     model_path: Option<PathBuf>,
     /// What somebody set for the model, if that holds for the job.
     threshold: Option<ModelThreshold>,
@@ -61,8 +62,8 @@ impl From<StoreError> for NoOutput {
 
 /// Runs a job that was just claimed and settles it.
 pub async fn run(app: &App, engine: &Arc<dyn Engine>, job: &Job) -> Result<Ended, StoreError> {
-    let watch = Watch::new();
-    let beat = watch.beat(app, job);
+    let watch = Watch::new(app, job);
+    let beat = watch.beat();
     let attempt = match beat {
         Ok(_) => attempt(app, engine, job, &watch).await,
         Err(ref error) => Err(NoOutput::Failed(Failure::new("internal", "The service failed", error, true))),
@@ -97,7 +98,7 @@ fn work_path(app: &App, job: &Job) -> PathBuf {
 }
 
 async fn attempt(app: &App, engine: &Arc<dyn Engine>, job: &Job, watch: &Arc<Watch>) -> Result<Output, NoOutput> {
-    let input = gather(app, job).await?;
+    let input = gather(app, job, watch).await?;
     let (app_, engine, job_, watch_) = (app.clone(), engine.clone(), job.clone(), watch.clone());
     let mut cpu = tokio::task::spawn_blocking(move || compute(&app_, &*engine, &job_, &input, &watch_));
     let done = tokio::select! {
@@ -118,7 +119,7 @@ async fn attempt(app: &App, engine: &Arc<dyn Engine>, job: &Job, watch: &Arc<Wat
     })
 }
 
-async fn gather(app: &App, job: &Job) -> Result<Input, NoOutput> {
+async fn gather(app: &App, job: &Job, watch: &Arc<Watch>) -> Result<Input, NoOutput> {
     let gone = |what: &str| {
         NoOutput::Failed(Failure::new("gone", "The job has lost its input", format!("the {what} is gone"), false))
     };
@@ -132,9 +133,14 @@ async fn gather(app: &App, job: &Job) -> Result<Input, NoOutput> {
         (Some(model), Some(version)) => app.store.model_threshold(model, version).await?,
         _ => None,
     };
+    let frames: Box<dyn FrameSource> = if acquisition.complete() {
+        Box::new(app.store.frame_files(&acquisition).await?)
+    } else {
+        Box::new(ArrivingFrames::new(app, &acquisition, job, watch).await?)
+    };
     Ok(Input {
         threshold,
-        frames: app.store.frame_files(&acquisition).await?,
+        frames,
         acquisition: checked,
         model_path: job.model_id.map(|model| app.store.folder().model(model)),
     })
@@ -150,7 +156,7 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
     let id = app.new_id();
     if job.kind == "train" {
         let options = TrainOptions { from_m: job.from_m, to_m: job.to_m };
-        let report = engine.train(&input.acquisition, &input.frames, options, &work, watch).map_err(pipeline)?;
+        let report = engine.train(&input.acquisition, &*input.frames, options, &work, watch).map_err(pipeline)?;
         let sha256 = digest::of_file(&work)?;
         let bytes = folder::length(&work)? as i64;
         let report = serde_json::to_string(&report).map_err(|e| NoOutput::Failed(Failure::of_results(e)))?;
@@ -166,7 +172,7 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
         line_scores: LineScoreFormat::Binary,
         given_contours: None,
     };
-    let mut summary = engine.inspect(&input.acquisition, &input.frames, &options, &work, watch).map_err(pipeline)?;
+    let mut summary = engine.inspect(&input.acquisition, &*input.frames, &options, &work, watch).map_err(pipeline)?;
     if let (Some(set), Some(threshold)) = (&input.threshold, &mut summary.threshold) {
         threshold.origin = set.origin();
     }

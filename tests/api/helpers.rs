@@ -3,7 +3,8 @@
 use ropescope::clock::SystemClock;
 use ropescope::config::Settings;
 use ropescope::http::auth;
-use ropescope::pipeline::results::{AlarmRow, DefectRow, NotCovered, Summary, Threshold};
+use ropescope::pipeline::found::{Found, FoundDefects};
+use ropescope::pipeline::results::{AlarmRow, DefectRow, LayLengthRow, NotCovered, Summary, Threshold};
 use ropescope::pipeline::{
     Acquisition, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions, TrainReport,
 };
@@ -81,6 +82,11 @@ impl Engine for ToyEngine {
         progress: &dyn Progress,
     ) -> Result<Summary, PipelineError> {
         self.work(progress)?;
+        let mut frames = 0;
+        while source.wait_for(0, frames)? {
+            progress.found(found(acquisition, frames, options.model_path.is_some()));
+            frames += 1;
+        }
         std::fs::create_dir_all(results).unwrap();
         let mut table =
             "view,first_line,last_line,position_m,strand_lay_mm,strand_lay_sd_mm,strand_phase_rad,strand_score"
@@ -110,17 +116,7 @@ impl Engine for ToyEngine {
         std::fs::write(results.join("lay_lengths.csv"), table).unwrap();
         let mut found = None;
         if options.model_path.is_some() {
-            let alarm =
-                AlarmRow { view: 0, first_line: 40, last_line: 44, first_column: 10, last_column: 20, peak_score: 9.0 };
-            let defects = [DefectRow {
-                id: 0,
-                from_m: acquisition.position_m(40),
-                to_m: acquisition.position_m(45),
-                strand: Some(2),
-                wire: None,
-                peak_score: 9.0,
-                alarms: vec![alarm],
-            }];
+            let defects = [defect(acquisition)];
             std::fs::write(results.join("defects.json"), serde_json::to_vec(&defects).unwrap()).unwrap();
             found = Some(defects.len());
             for view in 0..source.views() {
@@ -173,6 +169,40 @@ impl Engine for ToyEngine {
             notes: vec![],
         })
     }
+}
+
+/// The defect that the toy engine finds in every rope.
+fn defect(acquisition: &Acquisition) -> DefectRow {
+    let alarm = AlarmRow { view: 0, first_line: 40, last_line: 44, first_column: 10, last_column: 20, peak_score: 9.0 };
+    DefectRow {
+        id: 0,
+        from_m: acquisition.position_m(40),
+        to_m: acquisition.position_m(45),
+        strand: Some(2),
+        wire: None,
+        peak_score: 9.0,
+        alarms: vec![alarm],
+    }
+}
+
+/// What the toy engine finds in a frame.
+fn found(acquisition: &Acquisition, frame: usize, with_model: bool) -> Found {
+    let first_line = frame * LINES as usize;
+    let row = LayLengthRow {
+        view: None,
+        first_line,
+        last_line: first_line + LINES as usize - 1,
+        position_m: acquisition.position_m(first_line + LINES as usize / 2),
+        strand_lay_mm: Some(137.0 + frame as f64),
+        strand_lay_sd_mm: None,
+        strand_phase_rad: None,
+        strand_score: None,
+        diameter_mm: None,
+        wires: vec![],
+        reason: None,
+    };
+    let rows = if with_model { vec![defect(acquisition)] } else { vec![] };
+    Found { lay_lengths: vec![row], defects: FoundDefects { from: 0, rows } }
 }
 
 /// A running service with an administrator.

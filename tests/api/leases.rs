@@ -1,10 +1,12 @@
 //! The lease protocol, on a store with a clock that only moves when told to.
 
 use ropescope::clock::{Clock, ManualClock};
+use ropescope::pipeline::found::{Found, FoundDefects};
+use ropescope::pipeline::results::DefectRow;
 use ropescope::store::acquisitions::NewAcquisition;
 use ropescope::store::frames::Frame;
 use ropescope::store::jobs::{Cancellation, Enqueued, NewJob, Task};
-use ropescope::store::leases::{Heartbeat, Lease, MAX_ATTEMPTS};
+use ropescope::store::leases::{Heartbeat, JobsOn, Lease, MAX_ATTEMPTS, Reached, WaitingFor};
 use ropescope::store::models::NewModel;
 use ropescope::store::ropes::{Design, NewRope};
 use ropescope::store::{Id, PageRequest, Store};
@@ -86,13 +88,14 @@ impl Queue {
     }
 
     async fn claim(&self, owner: &str) -> Option<(Id, i64)> {
-        let job = self.store.claim(owner, self.clock.now_ms(), LEASE_MS).await.unwrap();
+        let job = self.store.claim(JobsOn::CompleteAcquisitions, owner, self.clock.now_ms(), LEASE_MS).await.unwrap();
         job.map(|job| (job.id, job.lease_token))
     }
 
     async fn beat(&self, (job, token): (Id, i64)) -> Lease {
-        let beat = Heartbeat { stage: "align", done_m: 1.0, total_m: 2.0, metres_per_second: None };
-        self.store.heartbeat(job, token, Some(beat), self.clock.now_ms() + LEASE_MS).await.unwrap()
+        let reached = Reached { stage: "align", done_m: 1.0, total_m: 2.0, metres_per_second: None };
+        let beat = Heartbeat { reached: Some(reached), waiting_for: None };
+        self.store.heartbeat(job, token, &beat, self.clock.now_ms() + LEASE_MS).await.unwrap()
     }
 
     async fn state(&self, job: Id) -> String {
@@ -220,7 +223,9 @@ async fn many_claimers_of_several_connections_share_the_jobs_without_doubles() {
         let store = Store::open(queue._data.path()).await.unwrap(); // as another process would
         claimers.push(tokio::spawn(async move {
             let mut mine = Vec::new();
-            while let Some(job) = store.claim(&n.to_string(), 1_000_000, LEASE_MS).await.unwrap() {
+            while let Some(job) =
+                store.claim(JobsOn::CompleteAcquisitions, &n.to_string(), 1_000_000, LEASE_MS).await.unwrap()
+            {
                 mine.push(job.id);
             }
             mine
@@ -234,4 +239,97 @@ async fn many_claimers_of_several_connections_share_the_jobs_without_doubles() {
     all.sort();
     all.dedup();
     assert_eq!(all.len(), 40);
+}
+
+/// A live job on an acquisition that is still open.
+async fn enqueue_live(queue: &Queue) -> (Id, Id) {
+    let complete = queue.store.acquisition(queue.acquisition).await.unwrap().unwrap();
+    let new = NewAcquisition {
+        id: id(),
+        rope_id: complete.row.rope_id,
+        line_pitch_mm: 0.1,
+        sensor_px: 64,
+        rope_width_px: None,
+        start_m: 0.0,
+        acquired_at_ms: None,
+        views: vec![(0.0, None)],
+    };
+    queue.store.create_acquisition(&new, 0).await.unwrap();
+    let task = Task::Inspect { model_id: None, threshold: None, live: true };
+    let job = NewJob { id: id(), acquisition_id: new.id, task, idempotency_key: None };
+    assert!(matches!(queue.store.enqueue(&job, queue.clock.now_ms()).await.unwrap(), Enqueued::New(_)));
+    (job.id, new.id)
+}
+
+impl Queue {
+    async fn claim_live(&self, owner: &str) -> Option<(Id, i64)> {
+        let job = self.store.claim(JobsOn::OpenAcquisitions, owner, self.clock.now_ms(), LEASE_MS).await.unwrap();
+        job.map(|job| (job.id, job.lease_token))
+    }
+}
+
+#[tokio::test]
+async fn jobs_on_open_acquisitions_and_on_complete_ones_are_claimed_apart() {
+    let queue = Queue::new().await;
+    let (live, _) = enqueue_live(&queue).await;
+    let ordinary = queue.enqueue().await;
+    assert_eq!(queue.claim("a").await.unwrap().0, ordinary);
+    assert_eq!(queue.claim("a").await, None);
+    assert_eq!(queue.claim_live("a").await.unwrap().0, live);
+    assert_eq!(queue.claim_live("a").await, None);
+}
+
+#[tokio::test]
+async fn a_job_that_waits_for_days_is_not_given_up_for_the_processes_that_died_meanwhile() {
+    let queue = Queue::new().await;
+    let (job, _) = enqueue_live(&queue).await;
+    for _ in 0..3 * MAX_ATTEMPTS {
+        let (_, token) = queue.claim_live("a").await.expect("it is not given up");
+        let waiting_for = Some(WaitingFor { view: 0, frame: 7, since_ms: 5 });
+        let beat = Heartbeat { reached: None, waiting_for };
+        let until_ms = queue.clock.now_ms() + LEASE_MS;
+        assert_eq!(queue.store.heartbeat(job, token, &beat, until_ms).await.unwrap(), Lease::Held);
+        queue.clock.advance_ms(LEASE_MS + 1);
+    }
+    assert_eq!(queue.state(job).await, "running");
+}
+
+#[tokio::test]
+async fn findings_need_the_lease_and_go_with_a_new_claim_and_with_every_end() {
+    let queue = Queue::new().await;
+    let found = || {
+        let alarms = vec![];
+        let defect = DefectRow { id: 0, from_m: 0.1, to_m: 0.2, strand: None, wire: None, peak_score: 7.0, alarms };
+        [Found { lay_lengths: vec![], defects: FoundDefects { from: 0, rows: vec![defect] } }]
+    };
+    let told = async |job: Id| queue.store.provisional_defects(job, 0).await.unwrap().defects.len();
+    for end in ["cancelled", "failed", "given up"] {
+        let (job, _) = enqueue_live(&queue).await;
+        let zombie = queue.claim_live("a").await.unwrap();
+        assert_eq!(queue.store.keep_provisional(job, zombie.1, &found()).await.unwrap(), Lease::Held);
+        assert_eq!(told(job).await, 1);
+        queue.clock.advance_ms(LEASE_MS + 1);
+        let heir = queue.claim_live("b").await.unwrap();
+        assert_eq!(told(job).await, 0, "what an earlier run found holds no more");
+        assert_eq!(queue.store.keep_provisional(job, zombie.1, &found()).await.unwrap(), Lease::Lost);
+        assert_eq!(queue.store.keep_provisional(job, heir.1, &found()).await.unwrap(), Lease::Held);
+        let now_ms = queue.clock.now_ms();
+        match end {
+            "cancelled" => queue.store.settle_cancelled(job, heir.1, now_ms).await.unwrap(),
+            "failed" => queue.store.settle_failed(job, heir.1, "{}", false, now_ms).await.unwrap(),
+            _ => {
+                for _ in 2..MAX_ATTEMPTS {
+                    queue.clock.advance_ms(LEASE_MS + 1);
+                    queue.claim_live("c").await.unwrap();
+                }
+                let token = queue.store.job(job).await.unwrap().unwrap().lease_token;
+                queue.store.keep_provisional(job, token, &found()).await.unwrap();
+                queue.clock.advance_ms(LEASE_MS + 1);
+                assert_eq!(queue.claim_live("d").await, None);
+                Lease::Lost
+            }
+        };
+        assert_eq!(told(job).await, 0, "{end}");
+        assert_eq!(queue.store.keep_provisional(job, heir.1, &found()).await.unwrap(), Lease::Lost, "{end}");
+    }
 }

@@ -12,6 +12,8 @@ mod frames;
 mod helpers;
 mod jobs;
 mod leases;
+mod live;
+mod live_processes;
 mod manifests;
 mod process;
 mod receipts;

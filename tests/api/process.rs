@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_ropescope");
 
-/// `ropescope serve` as a process of its own, killed when dropped.
+/// `ropescope serve` or `worker` as a process of its own, killed when dropped.
 pub struct Process {
     pub child: Child,
     base: String,
@@ -18,8 +18,13 @@ pub struct Process {
 impl Process {
     /// Starts it, and waits until it listens.
     pub fn start(data: &Path) -> Self {
+        Self::begin(&["serve", "--listen", "127.0.0.1:0"], data)
+    }
+
+    fn begin(command: &[&str], data: &Path) -> Self {
         let mut child = Command::new(PROGRAM)
-            .args(["serve", "--listen", "127.0.0.1:0", "--data"])
+            .args(command)
+            .arg("--data")
             .arg(data)
             .env("RUST_LOG", "warn")
             .stdout(Stdio::piped())
@@ -27,8 +32,19 @@ impl Process {
             .unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let base = line.trim().strip_prefix("listening on ").unwrap_or_else(|| panic!("{line:?}")).to_owned();
+        let said = line.trim().strip_prefix("listening on ").or(line.trim().strip_prefix("working on "));
+        let base = said.unwrap_or_else(|| panic!("{line:?}")).to_owned();
         Self { child, base }
+    }
+
+    /// Starts `ropescope worker` beside a service on the same folder, and waits until it works.
+    pub fn start_worker(data: &Path) -> Self {
+        Self::begin(&["worker"], data)
+    }
+
+    /// Starts a service that runs no jobs.
+    pub fn start_without_workers(data: &Path) -> Self {
+        Self::begin(&["serve", "--no-workers", "--listen", "127.0.0.1:0"], data)
     }
 
     /// SIGKILL: no handler runs, nothing is flushed.
@@ -67,27 +83,54 @@ pub fn simulated(recipe: &Recipe) -> tempfile::TempDir {
 
 /// Uploads a simulated acquisition and returns its id.
 pub async fn upload(admin: &Caller, folder: &Path) -> String {
+    let rope = rope_of(admin, folder).await;
+    let id = open(admin, folder, &rope).await;
+    for (view, number, bytes) in frames(folder) {
+        admin.put_frame(&id, view, number, bytes).await.ok(201);
+    }
+    complete(admin, folder, &id).await;
+    id
+}
+
+/// Creates the rope of a simulated acquisition.
+pub async fn rope_of(admin: &Caller, folder: &Path) -> Value {
     let file: Value = serde_json::from_slice(&std::fs::read(folder.join("rope.json")).unwrap()).unwrap();
     let mut body = rope(&admin.ropeway().await);
     for key in ["strands", "wires_per_strand", "rope_diameter_mm", "strand_lay_mm", "wire_lay_mm"] {
         body["design"][key] = file[key].clone();
     }
-    let rope = admin.post("ropes", body).await.ok(201)["id"].clone();
+    admin.post("ropes", body).await.ok(201)["id"].clone()
+}
+
+/// Creates a simulated acquisition without any of its frames.
+pub async fn open(admin: &Caller, folder: &Path, rope: &Value) -> String {
+    let file: Value = serde_json::from_slice(&std::fs::read(folder.join("rope.json")).unwrap()).unwrap();
     let views: Vec<Value> =
         file["views"].as_array().unwrap().iter().map(|v| json!({ "angle_deg": v["angle_deg"] })).collect();
     let body = json!({ "rope_id": rope, "line_pitch_mm": file["line_pitch_mm"], "sensor_px": file["sensor_px"], "views": views });
-    let id = admin.post("acquisitions", body).await.ok(201)["id"].as_str().unwrap().to_owned();
-    let mut counts = Vec::new();
-    for (v, view) in file["views"].as_array().unwrap().iter().enumerate() {
-        let mut n = 0;
-        while let Ok(bytes) =
-            std::fs::read(folder.join(view["folder"].as_str().unwrap()).join(format!("frame_{n:06}.png")))
-        {
-            admin.put_frame(&id, v as u32, n, bytes).await.ok(201);
-            n += 1;
-        }
-        counts.push(json!({ "frames": n }));
+    admin.post("acquisitions", body).await.ok(201)["id"].as_str().unwrap().to_owned()
+}
+
+/// Says that all frames of a simulated acquisition were sent.
+pub async fn complete(admin: &Caller, folder: &Path, id: &str) {
+    let mut views: Vec<Value> = Vec::new();
+    for (view, number, _) in frames(folder) {
+        views.resize(views.len().max(view as usize + 1), Value::Null);
+        views[view as usize] = json!({ "frames": number + 1 });
     }
-    admin.post(&format!("acquisitions/{id}/completion"), json!({ "views": counts })).await.ok(200);
-    id
+    admin.post(&format!("acquisitions/{id}/completion"), json!({ "views": views })).await.ok(200);
+}
+
+/// View, number and bytes of every frame of a simulated acquisition, along each view.
+pub fn frames(folder: &Path) -> Vec<(u32, u32, Vec<u8>)> {
+    let mut frames = Vec::new();
+    for view in 0.. {
+        let path = |n: u32| folder.join(format!("view{view}")).join(format!("frame_{n:06}.png"));
+        let of_view: Vec<_> = (0..).map_while(|n| Some((view, n, std::fs::read(path(n)).ok()?))).collect();
+        if of_view.is_empty() {
+            return frames;
+        }
+        frames.extend(of_view);
+    }
+    frames
 }

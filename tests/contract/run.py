@@ -36,6 +36,11 @@ checks.positive_data_acceptance.expected-statuses = ["2xx", 400, 401, 403, 404, 
 include-name = "PUT /api/v1/acquisitions/{id}/views/{view}/frames/{frame}"
 checks.positive_data_acceptance.expected-statuses = ["2xx", "3xx", 400, 401, 403, 404, 409, 413, 415, 422]
 
+# What is provisional goes when its job ends.
+[[operations]]
+include-path-regex = "^/api/v1/jobs/[^/]+/provisional-(lay-lengths|defects)$"
+checks.positive_data_acceptance.expected-statuses = ["2xx", "3xx", 401, 403, 404, 409, 410, 415, 422]
+
 # A range in metres or in lines, not both: parameters cannot exclude each other in a schema.
 [[operations]]
 include-path-regex = "^/api/v1/inspections/[^/]+/(views/[^/]+/(image|likelihood)[.]png|lay-lengths|line-scores)$"

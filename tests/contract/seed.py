@@ -15,6 +15,9 @@ def seed(service, ids):
     service.want("PUT", f"/acquisitions/{ids['open_acquisition']}/views/0/frames/0", raw=frame,
                  headers={"Content-Type": "image/png"})
     ids["endpoint"] = service.want("POST", "/webhook-endpoints", {"url": "http://127.0.0.1:9/", "allow_private": True})["id"]
+    live = dict(half, views=[{"angle_deg": 0}])
+    live = {"kind": "inspect", "acquisition_id": service.want("POST", "/acquisitions", live)["id"], "live": True}
+    ids["live_job"] = service.want("POST", "/jobs", live)["id"]
     train = service.job({"kind": "train", "acquisition_id": ids["acquisition"], "to_m": 1.0})
     ids["job"] = train["id"]
     if train["state"] != "succeeded":
@@ -39,6 +42,8 @@ def pins(ids):
         "/api/v1/ropeways/{id}": "ropeway",
         "/api/v1/ropes/{id}": "rope",
         "/api/v1/acquisitions/{id}": "open_acquisition",
+        "/api/v1/jobs/{id}/provisional-lay-lengths": "live_job",
+        "/api/v1/jobs/{id}/provisional-defects": "live_job",
         "/api/v1/jobs/{id}": "job",
         "/api/v1/models/{id}": "model",
         "/api/v1/inspections/{id}": "inspection",
