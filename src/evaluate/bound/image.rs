@@ -163,16 +163,22 @@ mod tests {
     }
 
     #[test]
-    fn wires_are_known_to_a_thousandth_as_the_design_study_found() {
-        // Gray noise of 10 to 30 % of the contrast: below 0.001 mm mean |error|, strands known. Here the strands are unknown, too,
-        // so that a little more is allowed at 30 %.
+    fn wires_are_known_to_thousandths_of_a_millimetre() {
+        // Gray noise of 10 and 30 % of the contrast. With strands known (contours without noise), a second program that follows
+        // every wire in closed form finds a mean |error| of 0.0021 and 0.0064 mm; 6 % for its coarser lines. The design study says
+        // below 0.001 mm without saying of which image; we cannot confirm that.
         let rope = SeenRope::new(6, 9, 20.46, 380.0, 143.2);
         let lines = frame(&rope, 20);
-        for (share, most_mm) in [(0.1, 0.001), (0.3, 0.003)] {
+        for (share, mean_mm) in [(0.1, 0.0021), (0.3, 0.0064)] {
             let noise = GrayNoise { sd: share * 235.0, doubles_at: f64::INFINITY };
-            let bound = image_bound(&rope, &lines, 20.0, (137.5, 79.0), noise, Some(1.0)).unwrap();
-            let mean_mm = mean_abs(bound.wire_mm);
-            assert!(mean_mm > 1e-5 && mean_mm < most_mm, "{share}: {mean_mm}");
+            let bound = |contours_px| {
+                let bound = image_bound(&rope, &lines, 20.0, (137.5, 79.0), noise, Some(contours_px)).unwrap();
+                mean_abs(bound.wire_mm)
+            };
+            let known = bound(1e-3);
+            assert!((known / mean_mm - 1.0).abs() < 0.06, "{share}: {known}");
+            let unknown = bound(1.0);
+            assert!(unknown > known && unknown < 1.5 * known, "{share}: {unknown} against {known}");
         }
     }
 

@@ -1,9 +1,9 @@
 //! Robustness to noise: errors of the lay lengths of artificial ropes at five noise levels. [Wacker13, fig. 6a, b]
 
+use super::super::ExperimentError;
 use super::super::page::{Page, number};
 use super::super::trial::{self, Trial};
 use super::super::work::Work;
-use super::super::{ExperimentError, page};
 use super::bounds::{self, JOINED};
 use super::plan::Plan;
 use crate::drawing::chart::{Boxed, COLOURS, Chart, Mark, Scale};
@@ -152,7 +152,7 @@ pub(super) fn report(plan: &Plan, work: &Work<'_>, page: &mut Page) -> Result<()
             let noise = level.noise;
             errors
                 .iter()
-                .map(move |e| [noise.0.to_string(), noise.1.to_string(), what.into(), page::number(Some(*e), 5)])
+                .map(move |e| [noise.0.to_string(), noise.1.to_string(), what.into(), number(Some(*e), 5)])
                 .collect::<Vec<_>>()
         };
         of("strand", &level.strand_mm).into_iter().chain(of("wire", &level.wire_mm))
