@@ -12,6 +12,8 @@ const PAGE: &str = "report.md";
 pub(super) struct Page {
     folder: PathBuf,
     text: String,
+    /// Figures and numbers: name and content. Written at the end, so that a run which is stopped leaves no half report.
+    files: Vec<(String, String)>,
 }
 
 /// Refuses a folder that holds something else than an earlier report, before minutes are spent.
@@ -41,7 +43,7 @@ impl Page {
             "# {title}\n\n`{}`{seed}, {}, version {version}. The same command makes the same figures.\n",
             made.command, made.date
         );
-        Ok(Self { folder: folder.into(), text })
+        Ok(Self { folder: folder.into(), text, files: Vec::new() })
     }
 
     pub fn heading(&mut self, words: &str) {
@@ -61,11 +63,10 @@ impl Page {
     }
 
     /// A figure of charts, `columns` side by side, as `{name}.svg`.
-    pub fn figure(&mut self, name: &str, words: &str, charts: &[Chart], columns: usize) -> Result<(), ExperimentError> {
+    pub fn figure(&mut self, name: &str, words: &str, charts: &[Chart], columns: usize) {
         let file = format!("{name}.svg");
-        self.put(&file, &svg(charts, columns))?;
         let _ = write!(self.text, "\n![{words}]({file})\n");
-        Ok(())
+        self.files.push((file, svg(charts, columns)));
     }
 
     /// The numbers of a figure as `{name}.csv`, linked from the page.
@@ -74,19 +75,19 @@ impl Page {
         name: &str,
         head: [&str; N],
         rows: impl IntoIterator<Item = [String; N]>,
-    ) -> Result<(), ExperimentError> {
+    ) {
         let file = format!("{name}.csv");
         let mut text = head.join(",") + "\n";
         for row in rows {
             text += &(row.join(",") + "\n");
         }
-        self.put(&file, &text)?;
         let _ = write!(self.text, "\nNumbers: [{file}]({file})\n");
-        Ok(())
+        self.files.push((file, text));
     }
 
     /// Writes the page, after all that it shows.
     pub fn finish(self) -> Result<PathBuf, ExperimentError> {
+        self.files.iter().try_for_each(|(name, text)| self.put(name, text))?;
         self.put(PAGE, &self.text)?;
         Ok(self.folder.join(PAGE))
     }
@@ -125,7 +126,10 @@ mod tests {
         let made = Provenance { command: "ropescope evaluate".into(), date: "2026-11-22".into() };
         let mut page = Page::new(folder.path(), "Title", &made, Some(3)).unwrap();
         page.table(["a", "b"], [["1".into(), number(None, 2)]]);
+        page.numbers("a", ["x"], [["1".into()]]);
+        assert!(!folder.path().join("a.csv").exists(), "a run that is stopped leaves nothing");
         page.finish().unwrap();
+        assert_eq!(std::fs::read_to_string(folder.path().join("a.csv")).unwrap(), "x\n1\n");
         check_folder(folder.path()).unwrap();
         let text = std::fs::read_to_string(folder.path().join("report.md")).unwrap();
         assert!(text.contains("`ropescope evaluate`, seed 3, 2026-11-22") && text.contains("| 1 | - |"), "{text}");

@@ -54,7 +54,7 @@ pub(super) fn report(plan: &Plan, work: &Work<'_>, page: &mut Page) -> Result<()
         plan.many()
     ));
     if let Some(course) = shown {
-        page.figure("deformation", "A deformation and its recovery", &charts(&course, recipe.line_pitch_mm), 2)?;
+        page.figure("deformation", "A deformation and its recovery", &charts(&course, recipe.line_pitch_mm), 2);
     }
     let bound = plain.stretches.first().map(|s| bounds::image(&scene, &plain, s)).transpose()?.flatten();
     let n = recoveries.len() as f64;
@@ -95,7 +95,8 @@ pub(super) fn report(plan: &Plan, work: &Work<'_>, page: &mut Page) -> Result<()
             number(Some(mean(&r.wire_mm)), 4),
         ]
     });
-    page.numbers("deformation", ["deformation", "rms_px", "strand_change_mm", "wire_change_mm"], rows)
+    page.numbers("deformation", ["deformation", "rms_px", "strand_change_mm", "wire_change_mm"], rows);
+    Ok(())
 }
 
 /// (line, added px, recovered px), both less their mean.

@@ -80,7 +80,7 @@ pub(super) fn report(plan: &Plan, work: &Work<'_>, page: &mut Page) -> Result<()
          names no figures for its noise. Boxes are quartiles of |error|, whiskers reach 1.5 box heights.",
         plan.ropes, plan.metres
     ));
-    page.figure("noise", "Errors of lay lengths over noise", &charts(&levels), 2)?;
+    page.figure("noise", "Errors of lay lengths over noise", &charts(&levels), 2);
     page.table(
         [
             "contour noise, px",
@@ -157,7 +157,8 @@ pub(super) fn report(plan: &Plan, work: &Work<'_>, page: &mut Page) -> Result<()
         };
         of("strand", &level.strand_mm).into_iter().chain(of("wire", &level.wire_mm))
     });
-    page.numbers("noise", ["contour_noise_px", "gray_noise", "lay", "error_mm"], rows)
+    page.numbers("noise", ["contour_noise_px", "gray_noise", "lay", "error_mm"], rows);
+    Ok(())
 }
 
 fn charts(levels: &[Level]) -> [Chart; 2] {

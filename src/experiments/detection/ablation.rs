@@ -60,7 +60,7 @@ pub(super) fn report(rope: &Trained, ours: &Judged, work: &Work<'_>, page: &mut 
          alignment, our gray scale, and views that share what they see. So the gain over the paper itself is not shown by this \
          table.",
     );
-    page.figure("ablation", "Averaged ROC curves of the configurations", &[figures::averages(&all)], 1)?;
+    page.figure("ablation", "Averaged ROC curves of the configurations", &[figures::averages(&all)], 1);
     page.table(
         [
             "configuration",

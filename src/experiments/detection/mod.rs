@@ -30,9 +30,9 @@ pub fn report(
 ) -> Result<PathBuf, ExperimentError> {
     check_folder(folder)?;
     let work = Work::new(progress, STAGE, plan.total_m());
+    let mut page = Page::new(folder, TITLE, made, Some(plan.seed))?;
     let rope = rope::Trained::new(plan, &work)?;
     let ours = rope.inspect(&rope.model, &work)?;
-    let mut page = Page::new(folder, TITLE, made, Some(plan.seed))?;
     page.paragraph(&format!(
         "The experiment of Wacker & Denzler (section 6.4) on simulated rope: 6x9, 32 mm, lay 220 mm, {} views of {} columns, moderate dirt, oil, \
          water, drifting light. Trained on the first {} m, which are intact, tested on the other {} m with {} defects of eight kinds \
@@ -45,7 +45,7 @@ pub fn report(
         plan.defects,
         ours.defects.len()
     ));
-    sections(&mut page, &ours)?;
+    sections(&mut page, &ours);
     if plan.ablation {
         ablation::report(&rope, &ours, &work, &mut page)?;
     }
@@ -72,19 +72,19 @@ pub fn report_recording(
         skip_lines,
         judged.defects.len()
     ));
-    sections(&mut page, &judged)?;
+    sections(&mut page, &judged);
     page.finish()
 }
 
-fn sections(page: &mut Page, judged: &Judged) -> Result<(), ExperimentError> {
+fn sections(page: &mut Page, judged: &Judged) {
     page.heading("ROC per view and averaged (figure 9)");
     page.paragraph(
         "Share of defect lines against share of intact lines that alarm. Squares mark the paper's 50 % recovery: at least half of \
          every clear label of that view alarms; they are bound to the hardest defect of the view.",
     );
-    page.figure("roc", "ROC curves per view and averaged", &figures::roc(judged), 2)?;
+    page.figure("roc", "ROC curves per view and averaged", &figures::roc(judged), 2);
     tables::views(page, judged);
-    tables::roc_numbers(page, judged)?;
+    tables::roc_numbers(page, judged);
     page.heading("What a threshold finds, and what it costs");
     page.paragraph(
         "Over all views; a defect is recovered if half of it alarms in its best view. Rope to look at again: everything within 5 cm \
@@ -100,8 +100,8 @@ fn sections(page: &mut Page, judged: &Judged) -> Result<(), ExperimentError> {
     page.paragraph(
         "False lines that must be tolerated so that half of the defect alarms in its best view: the fewer, the easier.",
     );
-    page.figure("defects", "False lines that defects need, by kind and severity", &figures::defects(judged), 2)?;
+    page.figure("defects", "False lines that defects need, by kind and severity", &figures::defects(judged), 2);
     tables::by_kind(page, judged);
     tables::by_severity(page, judged);
-    tables::defect_numbers(page, judged)
+    tables::defect_numbers(page, judged);
 }

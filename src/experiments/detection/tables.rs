@@ -1,6 +1,5 @@
 //! The tables of a report about detection.
 
-use super::super::ExperimentError;
 use super::super::page::{Page, number, percent};
 use super::figures::kinds;
 use super::judged::Judged;
@@ -24,11 +23,11 @@ pub(super) fn views(page: &mut Page, judged: &Judged) {
 }
 
 /// The curves as numbers.
-pub(super) fn roc_numbers(page: &mut Page, judged: &Judged) -> Result<(), ExperimentError> {
+pub(super) fn roc_numbers(page: &mut Page, judged: &Judged) {
     let rows = judged.curves.iter().flat_map(|curve| {
         curve.points.iter().map(|(x, y)| [curve.view.to_string(), number(Some(*x), 6), number(Some(*y), 5)])
     });
-    page.numbers("roc", ["view", "false_rate", "true_rate"], rows)
+    page.numbers("roc", ["view", "false_rate", "true_rate"], rows);
 }
 
 /// What thresholds cost.
@@ -125,7 +124,7 @@ pub(super) fn by_severity(page: &mut Page, judged: &Judged) {
 }
 
 /// Every defect as numbers.
-pub(super) fn defect_numbers(page: &mut Page, judged: &Judged) -> Result<(), ExperimentError> {
+pub(super) fn defect_numbers(page: &mut Page, judged: &Judged) {
     let rows = judged.defects.iter().map(|d| {
         [
             d.defect.to_string(),
@@ -141,5 +140,5 @@ pub(super) fn defect_numbers(page: &mut Page, judged: &Judged) -> Result<(), Exp
         "defects",
         ["defect", "kind", "severity", "first_line", "false_rate_needed", "recovered_share", "reported"],
         rows,
-    )
+    );
 }
