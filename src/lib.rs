@@ -8,6 +8,7 @@ pub mod clock; // time as an argument
 pub mod config; // every setting
 pub mod drawing; // pictures for people
 pub mod evaluate; // results against truth
+pub mod experiments; // the paper's experiments, run whole and written down
 pub mod http; // the API
 pub mod pipeline; // vision over a whole acquisition
 pub mod service; // all of that as one process

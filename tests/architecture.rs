@@ -69,6 +69,11 @@ const WALLS: &[Wall] = &[
         reason: "simulated acquisitions are made without service and database",
     },
     Wall {
+        folder: "src/experiments",
+        names: &["sqlx", "axum", "tokio"],
+        reason: "experiments run from the command line, without service and database",
+    },
+    Wall {
         folder: "src/pipeline",
         names: &["sqlx", "axum", "tokio"],
         reason: "the pipeline runs from the command line too, without service and database",
@@ -97,6 +102,11 @@ const USES: &[Uses] = &[
         folder: "src/evaluate",
         only: &["evaluate"],
         reason: "who judges the results must not share code with who made them",
+    },
+    Uses {
+        folder: "src/experiments",
+        only: &["experiments", "simulate", "pipeline", "vision", "evaluate", "drawing"],
+        reason: "an experiment simulates, runs the pipeline as everybody does, and has the results judged",
     },
     Uses {
         folder: "src/pipeline",

@@ -42,7 +42,9 @@ fn documents_name_commands_and_options_that_exist() {
     assert!(all.len() > 5, "the README shows how to use the program: {all:?}");
     for arguments in &all {
         let plain: Vec<&str> = arguments.iter().map(String::as_str).collect();
-        let words = if plain[0] == "token" { 2 } else { 1 };
+        let two_words =
+            plain[0] == "token" || (plain[0] == "evaluate" && ["alignment", "detection"].contains(&plain[1]));
+        let words = if two_words { 2 } else { 1 };
         let help = help(&plain[..words]);
         for option in plain[words..].iter().filter(|a| a.starts_with("--")) {
             assert!(help.contains(option), "{arguments:?}: there is no {option}");

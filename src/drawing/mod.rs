@@ -1,6 +1,8 @@
-//! Pictures for people: a sheet to draw on, curves, and the card that says why something is a defect.
+//! Pictures for people: a sheet to draw on, curves, the card that says why something is a defect, and the charts of
+//! reports.
 
 mod canvas;
+pub mod chart; // charts for reports
 mod plot;
 pub mod why_card;
 

@@ -54,28 +54,17 @@ pub fn score(
         return Ok(None);
     }
     let reported: Vec<ReportedDefect> = read_json(&path)?;
+    let touched = touched(&reported, sightings);
     let clear: BTreeSet<usize> =
         sightings.iter().filter(|s| s.clear && s.first_line >= skip).map(|s| s.defect).collect();
-    let mut touched = BTreeSet::new();
-    let mut false_defects = 0;
     let mut covered = Vec::new();
-    let context = (CONTEXT_MM / 2.0 / line_pitch_mm) as usize;
-    for defect in &reported {
-        let mut hit = false;
-        for alarm in &defect.alarms {
-            for sighting in sightings.iter().filter(|s| s.view == alarm.view) {
-                let reaches = alarm.first_line <= sighting.last_line + MARGIN_LINES
-                    && alarm.last_line + MARGIN_LINES >= sighting.first_line;
-                if reaches {
-                    hit = true;
-                    touched.insert(sighting.defect);
-                }
-            }
-            let from = alarm.first_line.saturating_sub(context);
-            covered.push((from.min(lines), (alarm.last_line + context).min(lines)));
-        }
-        false_defects += usize::from(!hit);
+    let context = context_lines(line_pitch_mm);
+    for alarm in reported.iter().flat_map(|defect| &defect.alarms) {
+        let from = alarm.first_line.saturating_sub(context);
+        covered.push((from.min(lines), (alarm.last_line + context).min(lines)));
     }
+    let false_defects = touched.iter().filter(|defects| defects.is_empty()).count();
+    let touched: BTreeSet<usize> = touched.into_iter().flatten().collect();
     Ok(Some(Decisions {
         reported: reported.len(),
         clear_defects: clear.len(),
@@ -87,8 +76,37 @@ pub fn score(
     }))
 }
 
+/// Lines on each side of an alarm that a person looks at.
+pub(super) fn context_lines(line_pitch_mm: f64) -> usize {
+    (CONTEXT_MM / 2.0 / line_pitch_mm) as usize
+}
+
+/// The defects with labels that each reported defect touches.
+fn touched(reported: &[ReportedDefect], sightings: &[Sighting]) -> Vec<BTreeSet<usize>> {
+    let reaches = |alarm: &ReportedAlarm, sighting: &Sighting| {
+        sighting.view == alarm.view
+            && alarm.first_line <= sighting.last_line + MARGIN_LINES
+            && alarm.last_line + MARGIN_LINES >= sighting.first_line
+    };
+    let of = |defect: &ReportedDefect| {
+        let near = |s: &&Sighting| defect.alarms.iter().any(|alarm| reaches(alarm, s));
+        sightings.iter().filter(near).map(|s| s.defect).collect()
+    };
+    reported.iter().map(of).collect()
+}
+
+/// The defects with labels that `RESULTS/defects.json` reports; `None` without the file.
+pub fn reported(results: &Path, sightings: &[Sighting]) -> Result<Option<BTreeSet<usize>>, EvaluateError> {
+    let path = results.join("defects.json");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let reported: Vec<ReportedDefect> = read_json(&path)?;
+    Ok(Some(touched(&reported, sightings).into_iter().flatten().collect()))
+}
+
 /// Lines in the union of half-open intervals.
-fn union_length(mut intervals: Vec<(usize, usize)>) -> usize {
+pub(super) fn union_length(mut intervals: Vec<(usize, usize)>) -> usize {
     intervals.sort_unstable();
     let (mut length, mut end) = (0, 0);
     for (from, to) in intervals {

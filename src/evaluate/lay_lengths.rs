@@ -83,27 +83,124 @@ pub struct LayLengthErrors {
     pub per_view: Option<StretchErrors>,
 }
 
-#[derive(Default)]
-struct Gathered {
-    rows: usize,
-    strand_missing: usize,
-    wire_missing: usize,
-    strand_mm: Vec<f64>,
-    wire_mm: Vec<f64>,
-    phase_rad: Vec<f64>,
+/// A lay length beside the true one, both as they are signed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeasuredLay {
+    /// The estimate in mm.
+    pub estimate_mm: f64,
+    /// The truth in mm: 2 pi over the regression slope of the true phase over the stretch.
+    pub true_mm: f64,
 }
 
-impl Gathered {
-    fn finish(self) -> Option<StretchErrors> {
-        (self.rows > 0).then(|| StretchErrors {
-            rows: self.rows,
-            strand_not_estimated: self.strand_missing,
-            wire_not_estimated: self.wire_missing,
-            strand_mm: ErrorStatistics::of(&self.strand_mm),
-            wire_mm: ErrorStatistics::of(&self.wire_mm),
-            strand_phase_rad: ErrorStatistics::of(&self.phase_rad),
-        })
+impl MeasuredLay {
+    /// |estimate| - |truth| in mm.
+    pub fn error_mm(&self) -> f64 {
+        self.estimate_mm.abs() - self.true_mm.abs()
     }
+}
+
+/// A row of `lay_lengths.csv` beside the truth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScoredStretch {
+    /// The view; `None` for all together.
+    pub view: Option<usize>,
+    /// First line.
+    pub first_line: usize,
+    /// Last line.
+    pub last_line: usize,
+    /// Strand lay, if there is an estimate and a truth.
+    pub strand: Option<MeasuredLay>,
+    /// Whether the row has a strand lay at all.
+    pub strand_estimated: bool,
+    /// Error of the strand phase at the middle line in rad, strands being interchangeable.
+    pub phase_rad: Option<f64>,
+    /// Wire lays, by the number of the strand in the truth.
+    pub wires: Vec<Option<MeasuredLay>>,
+    /// Wire lays that are absent although there is a strand lay.
+    pub wires_absent: usize,
+}
+
+/// Every row of `RESULTS/lay_lengths.csv` within the truth; `None` without the file.
+pub fn each_stretch(
+    truth: &Truth,
+    strands: usize,
+    line_pitch_mm: f64,
+    results: &Path,
+) -> Result<Option<Vec<ScoredStretch>>, EvaluateError> {
+    let Some(mut table) = Table::open(&results.join("lay_lengths.csv"))? else { return Ok(None) };
+    let view = table.column("view")?;
+    let (first, last) = (table.column("first_line")?, table.column("last_line")?);
+    let (lay, phase) = (table.column("strand_lay_mm")?, table.column("strand_phase_rad")?);
+    let wires: Vec<_> = (0..strands).map(|j| table.find(&format!("wire_lay_{j}_mm"))).collect();
+    let mut rows = Vec::new();
+    while table.next_row()? {
+        let first_line = table.index(first)?;
+        if first_line >= truth.phase_rad.len() {
+            continue;
+        }
+        let last_line = table.index(last)?.min(truth.phase_rad.len() - 1);
+        let mut row = ScoredStretch {
+            view: table.number(view).map(|v| v as usize),
+            first_line,
+            last_line,
+            strand: None,
+            strand_estimated: false,
+            phase_rad: None,
+            wires: vec![None; strands],
+            wires_absent: 0,
+        };
+        if let Some(estimate_mm) = table.number(lay) {
+            row.strand_estimated = true;
+            let points = (first_line..last_line + 1).map(|l| (l as f64 * line_pitch_mm, truth.phase_rad[l]));
+            row.strand = regression_lay_mm(points).map(|true_mm| MeasuredLay { estimate_mm, true_mm });
+            match table.number(phase) {
+                Some(phase_rad) => {
+                    let off = (phase_rad - truth.phase_rad[(first_line + last_line) / 2]) * strands as f64 / TAU;
+                    let turned = off.round_ties_even();
+                    row.phase_rad = Some((off - turned) * TAU / strands as f64);
+                    let cells: Vec<_> = wires.iter().map(|column| column.map(|c| table.number(c))).collect();
+                    compare_wires(&mut row, truth, &cells, turned as i64, line_pitch_mm);
+                }
+                None => row.wires_absent = wires.iter().flatten().count(), // which strand is which is unknown
+            }
+        }
+        rows.push(row);
+    }
+    Ok(Some(rows))
+}
+
+/// Wire lays of a row (`None`: no such column) beside the truth of the strand that each belongs to.
+fn compare_wires(row: &mut ScoredStretch, truth: &Truth, cells: &[Option<Option<f64>>], turned: i64, pitch_mm: f64) {
+    let Some(true_wires) = &truth.wires else { return };
+    let from = true_wires.lines.partition_point(|&l| l < row.first_line as f64);
+    let to = true_wires.lines.partition_point(|&l| l <= row.last_line as f64);
+    for (j, cell) in cells.iter().enumerate() {
+        let Some(cell) = cell else { continue };
+        let Some(estimate_mm) = *cell else {
+            row.wires_absent += 1;
+            continue;
+        };
+        let same = (turned + j as i64).rem_euclid(cells.len() as i64) as usize;
+        let lines = true_wires.lines[from..to].iter().map(|l| l * pitch_mm);
+        row.wires[same] = regression_lay_mm(lines.zip(true_wires.phase_rad[same][from..to].iter().copied()))
+            .map(|true_mm| MeasuredLay { estimate_mm, true_mm });
+    }
+}
+
+/// Errors of some rows together; `None` without rows.
+pub fn summarise<'a>(rows: impl Iterator<Item = &'a ScoredStretch>) -> Option<StretchErrors> {
+    let rows: Vec<_> = rows.collect();
+    let errors = |of: &dyn Fn(&ScoredStretch) -> Vec<f64>| {
+        ErrorStatistics::of(&rows.iter().flat_map(|row| of(row)).collect::<Vec<_>>())
+    };
+    (!rows.is_empty()).then(|| StretchErrors {
+        rows: rows.len(),
+        strand_not_estimated: rows.iter().filter(|r| !r.strand_estimated).count(),
+        wire_not_estimated: rows.iter().map(|r| r.wires_absent).sum(),
+        strand_mm: errors(&|r| r.strand.iter().map(MeasuredLay::error_mm).collect()),
+        wire_mm: errors(&|r| r.wires.iter().flatten().map(MeasuredLay::error_mm).collect()),
+        strand_phase_rad: errors(&|r| r.phase_rad.into_iter().collect()),
+    })
 }
 
 /// Scores `RESULTS/lay_lengths.csv`.
@@ -113,56 +210,16 @@ pub fn score(
     line_pitch_mm: f64,
     results: &Path,
 ) -> Result<LayLengthErrors, EvaluateError> {
-    let table = Table::open(&results.join("lay_lengths.csv"))?;
-    let (Some(truth), Some(mut table)) = (truth, table) else {
-        return Ok(LayLengthErrors { missing: true, ..LayLengthErrors::default() });
+    let rows = match truth {
+        Some(truth) => each_stretch(truth, strands, line_pitch_mm, results)?,
+        None => None,
     };
-    let view = table.column("view")?;
-    let (first, last) = (table.column("first_line")?, table.column("last_line")?);
-    let (lay, phase) = (table.column("strand_lay_mm")?, table.column("strand_phase_rad")?);
-    let wires: Vec<_> = (0..strands).map(|j| table.find(&format!("wire_lay_{j}_mm"))).collect();
-    let (mut fused, mut per_view) = (Gathered::default(), Gathered::default());
-    while table.next_row()? {
-        let gathered = if table.number(view).is_none() { &mut fused } else { &mut per_view };
-        let first_line = table.index(first)?;
-        if first_line >= truth.phase_rad.len() {
-            continue;
-        }
-        let last_line = table.index(last)?.min(truth.phase_rad.len() - 1);
-        gathered.rows += 1;
-        let Some(strand_lay_mm) = table.number(lay) else {
-            gathered.strand_missing += 1;
-            continue;
-        };
-        let stretch = first_line..last_line + 1;
-        let points = stretch.clone().map(|l| (l as f64 * line_pitch_mm, truth.phase_rad[l]));
-        if let Some(true_mm) = regression_lay_mm(points) {
-            gathered.strand_mm.push(strand_lay_mm.abs() - true_mm.abs());
-        }
-        let Some(strand_phase_rad) = table.number(phase) else {
-            gathered.wire_missing += wires.iter().flatten().count(); // which strand is which is unknown
-            continue;
-        };
-        let off = (strand_phase_rad - truth.phase_rad[(first_line + last_line) / 2]) * strands as f64 / TAU;
-        let turned = off.round_ties_even();
-        gathered.phase_rad.push((off - turned) * TAU / strands as f64);
-        let Some(true_wires) = &truth.wires else { continue };
-        let from = true_wires.lines.partition_point(|&l| l < first_line as f64);
-        let to = true_wires.lines.partition_point(|&l| l <= last_line as f64);
-        for (j, column) in wires.iter().enumerate() {
-            let Some(column) = column else { continue };
-            let Some(wire_lay_mm) = table.number(*column) else {
-                gathered.wire_missing += 1;
-                continue;
-            };
-            let same = (turned as i64 + j as i64).rem_euclid(strands as i64) as usize;
-            let lines = true_wires.lines[from..to].iter().map(|l| l * line_pitch_mm);
-            if let Some(true_mm) = regression_lay_mm(lines.zip(true_wires.phase_rad[same][from..to].iter().copied())) {
-                gathered.wire_mm.push(wire_lay_mm.abs() - true_mm.abs());
-            }
-        }
-    }
-    Ok(LayLengthErrors { missing: false, fused: fused.finish(), per_view: per_view.finish() })
+    let Some(rows) = rows else { return Ok(LayLengthErrors { missing: true, ..LayLengthErrors::default() }) };
+    Ok(LayLengthErrors {
+        missing: false,
+        fused: summarise(rows.iter().filter(|r| r.view.is_none())),
+        per_view: summarise(rows.iter().filter(|r| r.view.is_some())),
+    })
 }
 
 #[cfg(test)]

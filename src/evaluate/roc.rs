@@ -103,7 +103,7 @@ pub fn read_scores(results: &Path, lines: usize, views: usize) -> Result<Option<
 }
 
 /// Scores of one class, ascending.
-fn sorted(scores: &[f64], classes: &[LineClass], class: LineClass) -> Vec<f64> {
+pub(super) fn sorted(scores: &[f64], classes: &[LineClass], class: LineClass) -> Vec<f64> {
     let mut of: Vec<f64> =
         scores.iter().zip(classes).filter(|(s, c)| **c == class && !s.is_nan()).map(|(s, _)| *s).collect();
     of.sort_unstable_by(f64::total_cmp);
@@ -127,12 +127,12 @@ pub fn auc(positive: &[f64], negative: &[f64]) -> f64 {
 }
 
 /// Share of ascending values at or above a threshold.
-fn share_from(sorted: &[f64], threshold: f64) -> f64 {
+pub(super) fn share_from(sorted: &[f64], threshold: f64) -> f64 {
     1.0 - sorted.partition_point(|&s| s < threshold) as f64 / sorted.len() as f64
 }
 
 /// Threshold up to which half of a sighting's lines alarm: their median, lines without a score never alarming.
-fn recovery_threshold(sighting: &Sighting, scores: &[f64]) -> f64 {
+pub(super) fn recovery_threshold(sighting: &Sighting, scores: &[f64]) -> f64 {
     let mut of: Vec<f64> =
         sighting.lines.iter().map(|&l| scores[l]).map(|s| if s.is_nan() { f64::NEG_INFINITY } else { s }).collect();
     of.sort_unstable_by(f64::total_cmp);

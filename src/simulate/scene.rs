@@ -116,6 +116,12 @@ impl Scene {
         Ok(scene)
     }
 
+    /// The same rope in the same light, recorded once more: only the noise of gray values and contours is another.
+    pub fn recorded_again(mut self, noise_seed: u64) -> Self {
+        self.seed = noise_seed;
+        self
+    }
+
     /// The recipe.
     pub fn recipe(&self) -> &Recipe {
         &self.recipe

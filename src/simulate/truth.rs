@@ -45,16 +45,22 @@ pub fn write_wires(scene: &Scene, out: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes `line,lower_px,upper_px` of a view: the volumetric contours and the noise that the recipe asks for.
-pub fn write_contours(scene: &Scene, view: usize, out: &mut impl Write) -> io::Result<()> {
+/// The volumetric contours of every line of a view in px, lower and upper, with the noise that the recipe asks for.
+pub fn contours(scene: &Scene, view: usize) -> impl Iterator<Item = (f64, f64)> {
     let mut noise = GaussianStream::new(scene.seed(), Stream::Contours(view));
     let sd = scene.recipe().contour_noise_px;
     let mut cut = CrossSection::default();
-    writeln!(out, "line,lower_px,upper_px")?;
-    for line in 0..scene.lines() {
+    (0..scene.lines()).map(move |line| {
         cut.cut(scene, view, line, &[]);
         let (low, high) = contours_px(scene, &cut);
-        let (low, high) = (low + sd * f64::from(noise.draw()), high + sd * f64::from(noise.draw()));
+        (low + sd * f64::from(noise.draw()), high + sd * f64::from(noise.draw()))
+    })
+}
+
+/// Writes `line,lower_px,upper_px` of a view: its [`contours`].
+pub fn write_contours(scene: &Scene, view: usize, out: &mut impl Write) -> io::Result<()> {
+    writeln!(out, "line,lower_px,upper_px")?;
+    for (line, (low, high)) in contours(scene, view).enumerate() {
         writeln!(out, "{line},{low:.3},{high:.3}")?;
     }
     Ok(())

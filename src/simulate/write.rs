@@ -82,20 +82,7 @@ pub fn write_acquisition(
         std::fs::create_dir_all(&path).map_err(|source| SimulateError::Write { path, source })?;
     }
     let recipe = scene.recipe();
-    let written = WrittenRope {
-        rope: rope_file(scene),
-        lines: scene.lines(),
-        frames: scene.frames(),
-        frame_lines: recipe.frame_lines,
-        seed: scene.seed(),
-        kind: match recipe.kind {
-            Kind::Artificial => "artificial",
-            Kind::Photographic => "photographic",
-        },
-    };
-    let labels = labels(scene);
-    put(&folder.join("rope.json"), |out| Ok(serde_json::to_writer_pretty(out, &written)?))?;
-    put(&folder.join("labels.json"), |out| Ok(serde_json::to_writer_pretty(out, &labels)?))?;
+    let labels = write_description(scene, folder)?;
     put(&folder.join("truth_lines.csv"), |out| truth::write_lines(scene, out))?;
     put(&folder.join("truth_wires.csv"), |out| truth::write_wires(scene, out))?;
     if recipe.kind == Kind::Artificial {
@@ -115,6 +102,26 @@ pub fn write_acquisition(
         progress(RenderProgress { view_lines_done, view_lines_total: total });
         Ok(())
     })?;
+    Ok(labels)
+}
+
+/// Writes `rope.json` and `labels.json` alone, without frames, into a folder that exists.
+pub fn write_description(scene: &Scene, folder: &Path) -> Result<Vec<Label>, SimulateError> {
+    let recipe = scene.recipe();
+    let written = WrittenRope {
+        rope: rope_file(scene),
+        lines: scene.lines(),
+        frames: scene.frames(),
+        frame_lines: recipe.frame_lines,
+        seed: scene.seed(),
+        kind: match recipe.kind {
+            Kind::Artificial => "artificial",
+            Kind::Photographic => "photographic",
+        },
+    };
+    let labels = labels(scene);
+    put(&folder.join("rope.json"), |out| Ok(serde_json::to_writer_pretty(out, &written)?))?;
+    put(&folder.join("labels.json"), |out| Ok(serde_json::to_writer_pretty(out, &labels)?))?;
     Ok(labels)
 }
 
