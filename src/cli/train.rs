@@ -3,7 +3,7 @@
 use super::recording::Recording;
 use super::run_progress::{Watcher, say};
 use anyhow::{Context, bail, ensure};
-use ropescope::pipeline::train::read_report;
+use ropescope::pipeline::train::is_model;
 use ropescope::pipeline::{TrainOptions, TrainReport, train};
 use serde_json::json;
 use std::io::Write;
@@ -77,7 +77,7 @@ fn check_out(args: &TrainArgs) -> anyhow::Result<()> {
         "--out {name} is a folder, but a model is a file, such as {}",
         out.join("rope.model").display()
     );
-    if out.exists() && read_report(out).is_err() {
+    if out.exists() && !is_model(out) {
         bail!("--out {name} exists and is no model: choose another name, or remove it");
     }
     let parent = out.parent().filter(|p| !p.as_os_str().is_empty());

@@ -11,6 +11,8 @@ use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
 const MAGIC: &[u8] = b"ropescope model 2\n";
+/// How models of every version begin.
+const KIND: &[u8] = b"ropescope model ";
 /// Longest header that is read, in bytes.
 const MAX_HEADER_BYTES: u32 = 1 << 20;
 /// How far the diameter of a rope may be off its model's, as a share.
@@ -169,6 +171,12 @@ fn read_header(path: &Path) -> Result<(Header, BufReader<std::fs::File>), Pipeli
     file.read_exact(&mut header).map_err(|e| unusable(format!("it is cut short ({e})")))?;
     let header = serde_json::from_slice(&header).map_err(|e| unusable(format!("its header is damaged ({e})")))?;
     Ok((header, file))
+}
+
+/// True if a file is a model, of this version or another: one that may be replaced by a new one.
+pub fn is_model(path: &Path) -> bool {
+    let mut begin = vec![0u8; KIND.len()];
+    std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut begin)).is_ok() && begin == KIND
 }
 
 /// Reads what a model says of its training, without its tables.

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-pub use super::model_file::read_report;
+pub use super::model_file::{is_model, read_report};
 
 /// What to learn from.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

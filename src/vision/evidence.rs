@@ -40,8 +40,8 @@ pub const FILTERS: [Filter; 6] = [
     Filter { length_mm: 8.0, wires: 3.0, cut: 2.0 },
     Filter { length_mm: 25.0, wires: 3.0, cut: 1.0 },
 ];
-/// Reach about a place within which a pixel makes it seen.
-pub const SEEN: Filter = Filter { length_mm: 4.0, wires: 2.0, cut: UNCUT };
+/// Reach about a place within which a pixel makes it seen: mm along the rope, wires across.
+const SEEN_WITHIN: (f64, f64) = (4.0, 2.0);
 
 /// Sums of scores of a stretch in one view, `[(block * strands + strand) * places + place]`.
 #[derive(Debug, Clone)]
@@ -108,65 +108,81 @@ impl Evidence {
         self.counts[at] += 1.0;
     }
 
-    /// Sums under a filter about every place.
-    pub fn under(&self, filter: Filter, pitch_mm: f64) -> Filtered {
-        let half_places = ((filter.wires * PLACES_PER_WIRE as f64 - 1.0) / 2.0).round().max(0.0) as usize;
-        let block_mm = self.block_lines as f64 * pitch_mm;
-        let cut: Vec<f32> = self.sums.iter().zip(&self.counts).map(|(sum, n)| sum.min(filter.cut * n)).collect();
-        let summed = |of: &[f32]| {
-            let mut cells = vec![0.0f32; of.len()];
-            let mut row = vec![0.0f32; self.places + 2 * half_places];
-            for (from, to) in of.chunks_exact(self.places).zip(cells.chunks_exact_mut(self.places)) {
-                // Places are cyclic.
-                let (before, rest) = row.split_at_mut(half_places);
-                let (middle, after) = rest.split_at_mut(self.places);
-                before.copy_from_slice(&from[self.places - half_places..]);
-                middle.copy_from_slice(from);
-                after.copy_from_slice(&from[..half_places]);
-                for shift in 0..=2 * half_places {
-                    to.iter_mut().zip(&row[shift..]).for_each(|(sum, value)| *sum += value);
-                }
-            }
-            cells
-        };
-        Filtered {
-            half_blocks: ((filter.length_mm / block_mm - 1.0) / 2.0).round().max(0.0) as usize,
-            row: self.strands * self.places,
-            sums: summed(&cut),
-            pixels: summed(&self.counts),
+    /// Calls `each` for every filter and block with (number of the filter, index of the block's first cell, sums of scores, numbers of
+    /// pixels) of the block's cells.
+    pub fn filtered(&self, pitch_mm: f64, mut each: impl FnMut(usize, usize, &[f32], &[f32])) {
+        let mut pixels: Option<(f64, Vec<f32>)> = None;
+        for (number, filter) in FILTERS.into_iter().enumerate() {
+            // Filters of one width stand side by side and share the numbers of pixels across the wires.
+            let (_, pixels) = match pixels.take() {
+                Some(kept) if kept.0 == filter.wires => pixels.insert(kept),
+                _ => pixels.insert((filter.wires, self.across(&self.counts, filter.wires))),
+            };
+            let cut: Vec<f32> = self.sums.iter().zip(&self.counts).map(|(sum, n)| sum.min(filter.cut * n)).collect();
+            let sums = self.across(&cut, filter.wires);
+            self.along(&sums, pixels, filter.length_mm, pitch_mm, |first, sums, pixels| {
+                each(number, first, sums, pixels);
+            });
         }
     }
-}
 
-/// Evidence under a filter: summed across the wires, and along them while it is read.
-#[derive(Debug)]
-pub struct Filtered {
-    half_blocks: usize,
-    /// Cells of a block.
-    row: usize,
-    sums: Vec<f32>,
-    pixels: Vec<f32>,
-}
+    /// Whether any pixel fell so near to a place that the place counts as seen.
+    pub fn seen(&self, pitch_mm: f64) -> Vec<bool> {
+        let mut seen = vec![false; self.counts.len()];
+        let across = self.across(&self.counts, SEEN_WITHIN.1);
+        self.along(&across, &across, SEEN_WITHIN.0, pitch_mm, |first, pixels, _| {
+            seen[first..first + pixels.len()].iter_mut().zip(pixels).for_each(|(seen, &n)| *seen = n > 0.0);
+        });
+        seen
+    }
 
-impl Filtered {
-    /// Calls `each` for every block with (index of its first cell, sums of scores, numbers of pixels) of its cells.
-    pub fn for_each(&self, mut each: impl FnMut(usize, &[f32], &[f32])) {
-        let half_blocks = self.half_blocks;
-        let blocks = self.sums.len() / self.row;
-        let mut sums = vec![0.0f32; self.row];
-        let mut pixels = vec![0.0f32; self.row];
-        for block in 0..blocks + half_blocks {
-            let cells = |block: usize| block * self.row..(block + 1) * self.row;
-            if block < blocks {
-                sums.iter_mut().zip(&self.sums[cells(block)]).for_each(|(sum, new)| *sum += new);
-                pixels.iter_mut().zip(&self.pixels[cells(block)]).for_each(|(sum, new)| *sum += new);
+    /// Sums across so many wires about every place.
+    fn across(&self, values: &[f32], wires: f64) -> Vec<f32> {
+        let half_places = ((wires * PLACES_PER_WIRE as f64 - 1.0) / 2.0).round().max(0.0) as usize;
+        let mut summed = vec![0.0f32; values.len()];
+        let mut row = vec![0.0f32; self.places + 2 * half_places];
+        for (from, to) in values.chunks_exact(self.places).zip(summed.chunks_exact_mut(self.places)) {
+            if from.iter().fold(0, |bits, value| bits | value.to_bits()) == 0 {
+                continue; // half of the strands are on the other side
+            }
+            // Places are cyclic.
+            let (before, rest) = row.split_at_mut(half_places);
+            let (middle, after) = rest.split_at_mut(self.places);
+            before.copy_from_slice(&from[self.places - half_places..]);
+            middle.copy_from_slice(from);
+            after.copy_from_slice(&from[..half_places]);
+            for shift in 0..=2 * half_places {
+                to.iter_mut().zip(&row[shift..]).for_each(|(sum, value)| *sum += value);
+            }
+        }
+        summed
+    }
+
+    /// Sums two tables along the rope and calls `each` with them block by block.
+    fn along(
+        &self,
+        of_sums: &[f32],
+        of_pixels: &[f32],
+        length_mm: f64,
+        pitch_mm: f64,
+        mut each: impl FnMut(usize, &[f32], &[f32]),
+    ) {
+        let half_blocks = ((length_mm / (self.block_lines as f64 * pitch_mm) - 1.0) / 2.0).round().max(0.0) as usize;
+        let row = self.strands * self.places;
+        let mut sums = vec![0.0f32; row];
+        let mut pixels = vec![0.0f32; row];
+        for block in 0..self.blocks + half_blocks {
+            let cells = |block: usize| block * row..(block + 1) * row;
+            if block < self.blocks {
+                sums.iter_mut().zip(&of_sums[cells(block)]).for_each(|(sum, new)| *sum += new);
+                pixels.iter_mut().zip(&of_pixels[cells(block)]).for_each(|(sum, new)| *sum += new);
             }
             if let Some(gone) = block.checked_sub(2 * half_blocks + 1) {
-                sums.iter_mut().zip(&self.sums[cells(gone)]).for_each(|(sum, old)| *sum -= old);
-                pixels.iter_mut().zip(&self.pixels[cells(gone)]).for_each(|(sum, old)| *sum -= old);
+                sums.iter_mut().zip(&of_sums[cells(gone)]).for_each(|(sum, old)| *sum -= old);
+                pixels.iter_mut().zip(&of_pixels[cells(gone)]).for_each(|(sum, old)| *sum -= old);
             }
             if let Some(middle) = block.checked_sub(half_blocks) {
-                each(middle * self.row, &sums, &pixels);
+                each(middle * row, &sums, &pixels);
             }
         }
     }

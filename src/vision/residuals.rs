@@ -12,7 +12,7 @@ use super::evidence::Evidence;
 use super::histogram::GRAY_BINS;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
-use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
+use super::surface_map::{PLACES_PER_WIRE, SurfaceMap, whole};
 
 /// Cells of the grid that no pixel fell into.
 const UNSEEN: u32 = u32::MAX;
@@ -63,6 +63,8 @@ pub enum Factor {
 
 /// Distance along the wire over which grain is compared in mm: pits and scratches are about as large.
 const GRAIN_MM: f64 = 0.3;
+/// One of so many lines is compared: neighbours show the same grain.
+const GRAIN_EVERY: usize = 2;
 
 impl Factor {
     /// Anomaly score of a bin of the factor: 0 on average over intact rope, 1 is one standard deviation.
@@ -99,7 +101,8 @@ impl Residuals {
         let width = view.image.width();
         for line in 0..lines {
             let (row, bins, fine) = (view.image.line(line), scale.line(line), scale.fine(line));
-            let past = line.checked_sub(grain_lines).map(|past| (past, view.image.line(past), scale.fine(past)));
+            let compared = line.checked_sub(grain_lines).filter(|_| line % GRAIN_EVERY == 0);
+            let past = compared.map(|past| (past, view.image.line(past), scale.fine(past)));
             let block = line / block_lines * strands;
             map.for_each(line, view.axis_px[line], |point| {
                 let bin = bins[usize::from(row[point.column])];
@@ -119,7 +122,8 @@ impl Residuals {
                         let at = point.column as f32 + moved;
                         if at >= 0.0 && at < (width - 1) as f32 {
                             let gray = |column: usize| past_fine[usize::from(past_row[column])];
-                            let (column, share) = (at as usize, at.fract());
+                            let column = whole(at) as usize;
+                            let share = at - column as f32;
                             let before = gray(column) + share * (gray(column + 1) - gray(column));
                             let change = fine[usize::from(row[point.column])] - before;
                             sums.change += change * change;

@@ -4,7 +4,7 @@
 //! vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2). The upper tail of the
 //! normalised sums is close to exponential; a score of 3 means "one in 10^3 such places on intact rope", and so on.
 
-use super::evidence::{Evidence, FILTERS, SEEN};
+use super::evidence::{Evidence, FILTERS};
 
 /// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
 const LEAST_SHARE: f32 = 0.25;
@@ -62,13 +62,12 @@ impl Default for CalibrationSums {
 impl CalibrationSums {
     /// Adds a stretch of intact rope.
     pub fn add(&mut self, evidence: &Evidence, pitch_mm: f64) {
-        for (samples, filter) in self.samples.iter_mut().zip(FILTERS) {
-            evidence.under(filter, pitch_mm).for_each(|first, sums, pixels| {
-                let sampled = |(at, n): (usize, f32)| at % SAMPLE_STRIDE == 0 && n > 0.0;
-                let cells = sums.iter().zip(pixels).enumerate();
-                samples.extend(cells.filter(|(k, (_, n))| sampled((first + k, **n))).map(|(_, (&s, &n))| (s, n)));
-            });
-        }
+        evidence.filtered(pitch_mm, |filter, first, sums, pixels| {
+            let sampled = |(at, n): (usize, f32)| at % SAMPLE_STRIDE == 0 && n > 0.0;
+            let cells = sums.iter().zip(pixels).enumerate();
+            let sampled = cells.filter(|(k, (_, n))| sampled((first + k, **n)));
+            self.samples[filter].extend(sampled.map(|(_, (&sum, &n))| (sum, n)));
+        });
     }
 
     /// Calibrates every filter. `None` if there are too few samples.
@@ -134,11 +133,11 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
     let mut support = vec![0.0f32; cells.len()];
     for (evidence, calibration) in factors {
         let mut factor = vec![UNJUDGED; cells.len()];
-        for (filter, calibration) in FILTERS.into_iter().zip(*calibration) {
-            evidence.under(filter, pitch_mm).for_each(|first, sums, pixels| {
+        evidence.filtered(pitch_mm, |filter, first, sums, pixels| {
+            if let Some(calibration) = calibration.get(filter) {
                 calibration.raise(&mut factor[first..first + row], sums, pixels);
-            });
-        }
+            }
+        });
         for ((cell, support), score) in cells.iter_mut().zip(&mut support).zip(factor) {
             // The lesser of the two supports the greater, as far as it is unusual itself.
             let (lesser, greater) = if score < *cell { (score, *cell) } else { (*cell, score) };
@@ -149,13 +148,9 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
     for (cell, support) in cells.iter_mut().zip(&support) {
         *cell = if *cell == UNJUDGED { f32::NAN } else { *cell + support };
     }
-    let mut seen = vec![false; cells.len()];
-    first.under(SEEN, pitch_mm).for_each(|first, _, pixels| {
-        seen[first..first + row].iter_mut().zip(pixels).for_each(|(seen, &n)| *seen = n > 0.0);
-    });
     let mut scores = StretchScores {
         cells,
-        seen,
+        seen: first.seen(pitch_mm),
         blocks: Vec::new(),
         peaks: Vec::new(),
         block_lines: first.block_lines,

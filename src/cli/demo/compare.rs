@@ -1,6 +1,7 @@
 //! What the service found against what is true, as tables for people.
 
 use anyhow::Context;
+use ropescope::evaluate::truth::{self, regression_lay_mm};
 use ropescope::simulate::Label;
 use serde_json::Value;
 use std::f64::consts::TAU;
@@ -22,12 +23,8 @@ pub(super) struct Truth {
     pub(super) views: usize,
     /// What an expert would mark.
     pub(super) labels: Vec<Label>,
-    /// Strand lay a line in mm.
-    strand_lay_mm: Vec<f64>,
-    /// Phase of strand 0 a line in rad.
-    strand_phase_rad: Vec<f64>,
-    /// Wire lay in mm, `[row][strand]`, a row every ten lines.
-    wire_lay_mm: Vec<Vec<f64>>,
+    /// Phases of strands and wires.
+    phases: truth::Truth,
 }
 
 /// A planted defect over all views.
@@ -51,17 +48,14 @@ impl Truth {
     pub(super) fn read(folder: &Path) -> anyhow::Result<Self> {
         let rope: Value = serde_json::from_slice(&std::fs::read(folder.join("rope.json"))?)?;
         let labels = serde_json::from_slice(&std::fs::read(folder.join("labels.json"))?).context("labels.json")?;
-        let lines =
-            columns(&folder.join("truth_lines.csv"), |name| matches!(name, "strand_phase_rad" | "strand_lay_mm"))?;
-        let wires = columns(&folder.join("truth_wires.csv"), |name| name.starts_with("wire_lay"))?;
+        let strands = rope["strands"].as_u64().context("rope.json says no strands")? as usize;
+        let phases = truth::Truth::read(folder, strands)?.context("there is no truth_lines.csv")?;
         Ok(Self {
             pitch_m: rope["line_pitch_mm"].as_f64().unwrap_or(0.1) / 1000.0,
-            lines: lines.len(),
+            lines: phases.phase_rad.len(),
             views: rope["views"].as_array().map_or(1, Vec::len),
             labels,
-            strand_phase_rad: lines.iter().map(|row| row[0]).collect(),
-            strand_lay_mm: lines.iter().map(|row| row[1]).collect(),
-            wire_lay_mm: wires,
+            phases,
         })
     }
 
@@ -89,28 +83,19 @@ impl Truth {
         planted
     }
 
-    /// Mean true strand lay over some lines.
+    /// True strand lay over some lines, as `evaluate` defines it.
     fn strand_mm(&self, first: usize, last: usize) -> Option<f64> {
-        mean(self.strand_lay_mm.get(first..=last)?.iter().copied())
+        let phases = self.phases.phase_rad.get(first..=last)?.iter();
+        regression_lay_mm(phases.enumerate().map(|(k, &phase)| (k as f64 * self.pitch_m * 1000.0, phase)))
     }
 
-    /// Mean true wire lay of a strand over some lines.
+    /// True wire lay of a strand over some lines.
     fn wire_mm(&self, strand: usize, first: usize, last: usize) -> Option<f64> {
-        let rows = self.wire_lay_mm.get(first / 10..=last / 10)?;
-        mean(rows.iter().filter_map(|row| row.get(strand).copied()))
+        let wires = self.phases.wires.as_ref()?;
+        let known = wires.lines.iter().zip(wires.phase_rad.get(strand)?);
+        let here = known.filter(|(line, _)| (first as f64..=last as f64).contains(*line));
+        regression_lay_mm(here.map(|(&line, &phase)| (line * self.pitch_m * 1000.0, phase)))
     }
-}
-
-fn columns(path: &Path, wanted: impl Fn(&str) -> bool) -> anyhow::Result<Vec<Vec<f64>>> {
-    let mut reader = csv::Reader::from_path(path).with_context(|| path.display().to_string())?;
-    let indices: Vec<usize> =
-        reader.headers()?.iter().enumerate().filter(|(_, name)| wanted(name)).map(|(i, _)| i).collect();
-    let mut rows = Vec::new();
-    for record in reader.records() {
-        let record = record?;
-        rows.push(indices.iter().map(|i| record[*i].parse()).collect::<Result<_, _>>().context("not a number")?);
-    }
-    Ok(rows)
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -194,7 +179,7 @@ fn add_row(truth: &Truth, row: &Value, sums: &mut Sums) {
     let Some(phase_rad) = row["strand_phase_rad"].as_f64() else { return };
     // Which true strand is the service's strand 0: nobody painted numbers on the rope.
     let step_rad = TAU / wires.len().max(1) as f64;
-    let true_rad = truth.strand_phase_rad.get((first + last) / 2).copied().unwrap_or(0.0);
+    let true_rad = truth.phases.phase_rad.get((first + last) / 2).copied().unwrap_or(0.0);
     let turn = ((phase_rad - true_rad) / step_rad).round() as i64;
     for (j, wire) in wires.iter().enumerate() {
         let strand = (j as i64 + turn).rem_euclid(wires.len() as i64) as usize;
