@@ -108,9 +108,7 @@ fn stages(criterion: &mut Criterion) {
         });
     });
     group.bench_function("stripes", |b| {
-        b.iter(|| {
-            read_stripes(rope, camera, &outlines, template, &table, black_box(&view.image), &view.axis_px, phases)
-        });
+        b.iter(|| read_stripes(rope, &outlines, template, &table, black_box(&view.image), &view.axis_px, phases));
     });
     group.bench_function("learning", |b| b.iter(|| learn(rope, camera, estimates, black_box(view), &mut histogram)));
     let blocks = block_lines(known.spec.pitch_mm);

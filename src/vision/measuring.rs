@@ -80,18 +80,11 @@ pub(super) fn measure(
         .par_iter()
         .zip(&seen.views)
         .map(|(model, view)| match (&model.template, view.usable()) {
-            (Some(template), true) => read_stripes(
-                rope,
-                &model.camera,
-                &model.outlines,
-                template,
-                &views.table,
-                &view.image,
-                &view.axis_px,
-                |line, out| {
+            (Some(template), true) => {
+                read_stripes(rope, &model.outlines, template, &views.table, &view.image, &view.axis_px, |line, out| {
                     reference.phases_rad(rope, line, out);
-                },
-            ),
+                })
+            }
             _ => Stripes::default(),
         })
         .collect();

@@ -14,6 +14,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Every how many lines the image is registered: neighbouring lines tell nearly the same.
 pub const LINE_STRIDE: usize = 8;
+/// Every how many lines the contours are: their noise is less alike from line to line.
+const CONTOUR_STRIDE: usize = 2;
 /// Differences from the template beyond this (in units of the line's mean gray) are dirt, highlights or defects, and are cut.
 pub(super) const CUT: f32 = 0.35;
 /// Strands nearer to the outline than this phase are not registered in this view: they are narrow and badly lit.
@@ -189,7 +191,7 @@ pub fn register_contours(
     let mut phases = vec![0.0f64; n];
     let step = 1e-3;
     let mut before = [0.0; 2];
-    for k in (0..contours.len()).step_by(LINE_STRIDE) {
+    for k in (0..contours.len()).step_by(CONTOUR_STRIDE) {
         phases_rad(k, &mut phases);
         let knot = &mut sums[k / knot_lines];
         let columns = [contours.upper_px[k], contours.lower_px[k]];

@@ -86,6 +86,11 @@ impl Outlines {
         Self { angle_rad: camera.angle_rad, table }
     }
 
+    /// Angle of the view in rad.
+    pub fn angle_rad(&self) -> f64 {
+        self.angle_rad
+    }
+
     /// How the middle of a strand's outline moves with its phase, in px per rad.
     pub fn middle_per_rad(&self, phase_in_view_rad: f64) -> f64 {
         let k = (((phase_in_view_rad + PI) * (OUTLINES as f64 / TAU)) as usize).min(OUTLINES - 1);

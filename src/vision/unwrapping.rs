@@ -5,7 +5,6 @@
 //! frequency and phase of one spectral line. The paper's grid search over rendered projections (eq. 14) finds the same optimum
 //! and serves as the reference in `wire_alignment`.
 
-use super::camera::Camera;
 use super::image::GrayImage;
 use super::rope::Rope;
 use super::surface::Outlines;
@@ -74,7 +73,6 @@ impl StripeTable {
 /// Reads the stripes of all strands. `phases_rad` and `axis_px` as in [`super::registration::register`].
 pub fn read_stripes(
     rope: &Rope,
-    camera: &Camera,
     outlines: &Outlines,
     template: &Template,
     table: &StripeTable,
@@ -98,7 +96,7 @@ pub fn read_stripes(
         phases_rad(k, &mut phases);
         let mean =
             phases.iter().enumerate().map(|(j, p)| p - j as f64 * rope.strand_step_rad()).sum::<f64>() / n as f64;
-        let expected = template.mean(phase_bin(rope, mean - camera.angle_rad).row);
+        let expected = template.mean(phase_bin(rope, mean - outlines.angle_rad()).row);
         outlines.visible_spans(&phases, &mut spans);
         for span in &spans {
             if span.phase_in_view_rad.abs() > FARTHEST_RAD {
@@ -117,7 +115,7 @@ pub fn read_stripes(
                 ..Stripe::default()
             };
             // psi in rope axes is asin(e) - sight + view angle.
-            let turn = m * (span.sight_rad - camera.angle_rad);
+            let turn = m * (span.sight_rad - outlines.angle_rad());
             let (s, co) = (turn.sin() as f32, turn.cos() as f32);
             let mut start = from;
             for facet in 0..FACETS {

@@ -290,7 +290,7 @@ pub(super) mod tests {
         let (first, last) = (0, 1999);
         let wires: Vec<Value> =
             (0..6).map(|j| json!({"lay_mm": truth.wire_mm((j + 2) % 6, first, last).unwrap()})).collect();
-        let phase_rad = truth.strand_phase_rad[(first + last) / 2] + 2.0 * TAU / 6.0;
+        let phase_rad = truth.phases.phase_rad[(first + last) / 2] + 2.0 * TAU / 6.0;
         let answer = json!({"rows": [{"first_line": first, "last_line": last, "position_m": 0.1, "wires": wires,
             "strand_lay_mm": truth.strand_mm(first, last).unwrap(), "strand_phase_rad": phase_rad}]});
         let table = lay_lengths(&truth, &answer);
