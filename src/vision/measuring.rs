@@ -2,7 +2,6 @@
 
 use super::aligner::{AlignerSpec, LEAST_FOUND, Measured, Views};
 use super::courses::{StrandCourses, strand_courses, with};
-
 use super::outline_detail::OutlineDetail;
 use super::stretch::{Reference, axis_corrections_px, register_views, strand_knots};
 use super::unwrapping::{LINE_STRIDE, Stripes, read_stripes};

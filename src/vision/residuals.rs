@@ -157,27 +157,18 @@ impl Residuals {
         let block_mm = self.block_lines as f64 * pitch_mm;
         let blocks_of = |mm: f64| (mm / block_mm).round().max(1.0) as usize;
         for column in 0..row {
-            // Running sums along the wire: NaN counts as absent.
             let at = |block: usize| column * self.blocks + block;
-            let mut sums = Vec::with_capacity(self.blocks + 1);
-            let mut squares = Vec::with_capacity(self.blocks + 1);
-            sums.push((0.0f32, 0.0f32));
-            squares.push((0.0f32, 0.0f32));
-            let mut before = f32::NAN;
-            for block in 0..self.blocks {
-                let d = self.deviation[at(block)];
-                let (s, n) = sums[block];
-                sums.push(if d.is_nan() { (s, n) } else { (s + d, n + 1.0) });
-                let power = match factor {
-                    Factor::Texture => self.texture[at(block)],
-                    _ => (d - before).powi(2),
-                };
-                let (s, n) = squares[block];
-                squares.push(if power.is_nan() { (s, n) } else { (s + power, n + 1.0) });
-                before = d;
-            }
-            let mean = |sums: &[(f32, f32)], from: usize, to: usize| {
-                let (a, b) = (sums[from.min(self.blocks)], sums[to.min(self.blocks)]);
+            let deviation = &self.deviation[at(0)..at(self.blocks)];
+            let running = match factor {
+                Factor::Contrast => running_sums(deviation.iter().copied()),
+                Factor::Roughness => {
+                    let before = std::iter::once(&f32::NAN).chain(deviation);
+                    running_sums(deviation.iter().zip(before).map(|(d, before)| (d - before) * (d - before)))
+                }
+                Factor::Texture => Vec::new(),
+            };
+            let mean = |from: usize, to: usize| {
+                let (a, b) = (running[from.min(self.blocks)], running[to.min(self.blocks)]);
                 if b.1 - a.1 >= 1.0 { (b.0 - a.0) / (b.1 - a.1) } else { f32::NAN }
             };
             for block in 0..self.blocks {
@@ -187,9 +178,9 @@ impl Residuals {
                 let bin = match factor {
                     Factor::Contrast => {
                         let (inner, gap, outer) = (blocks_of(0.5) / 2, blocks_of(2.0), blocks_of(7.0));
-                        let here = mean(&sums, block.saturating_sub(inner), block + inner + 1);
-                        let behind = mean(&sums, block.saturating_sub(outer), block.saturating_sub(gap));
-                        let ahead = mean(&sums, block + gap + 1, block + outer + 1);
+                        let here = mean(block.saturating_sub(inner), block + inner + 1);
+                        let behind = mean(block.saturating_sub(outer), block.saturating_sub(gap));
+                        let ahead = mean(block + gap + 1, block + outer + 1);
                         let around = match (behind.is_nan(), ahead.is_nan()) {
                             (false, false) => (behind + ahead) / 2.0,
                             (true, _) => ahead,
@@ -209,7 +200,7 @@ impl Residuals {
                     }
                     Factor::Roughness => {
                         let reach = blocks_of(1.5);
-                        let power = mean(&squares, block.saturating_sub(reach), block + reach + 1);
+                        let power = mean(block.saturating_sub(reach), block + reach + 1);
                         if power.is_nan() {
                             continue;
                         }
@@ -220,4 +211,15 @@ impl Residuals {
             }
         }
     }
+}
+
+/// Sum and number of the values before each, NaN counting as absent.
+fn running_sums(values: impl Iterator<Item = f32>) -> Vec<(f32, f32)> {
+    let add = |total: &mut (f32, f32), value: f32| {
+        if !value.is_nan() {
+            *total = (total.0 + value, total.1 + 1.0);
+        }
+        Some(*total)
+    };
+    std::iter::once((0.0, 0.0)).chain(values.scan((0.0, 0.0), add)).collect()
 }
