@@ -111,16 +111,21 @@ impl Evidence {
     /// Calls `each` for every filter and block with (number of the filter, index of the block's first cell, sums of scores, numbers of
     /// pixels) of the block's cells.
     pub fn filtered(&self, pitch_mm: f64, mut each: impl FnMut(usize, usize, &[f32], &[f32])) {
-        let mut pixels: Option<(f64, Vec<f32>)> = None;
+        let (mut pixels, mut sums) = (Vec::new(), Vec::new());
+        let mut before: Option<Filter> = None;
         for (number, filter) in FILTERS.into_iter().enumerate() {
-            // Filters of one width stand side by side and share the numbers of pixels across the wires.
-            let (_, pixels) = match pixels.take() {
-                Some(kept) if kept.0 == filter.wires => pixels.insert(kept),
-                _ => pixels.insert((filter.wires, self.across(&self.counts, filter.wires))),
-            };
-            let cut: Vec<f32> = self.sums.iter().zip(&self.counts).map(|(sum, n)| sum.min(filter.cut * n)).collect();
-            let sums = self.across(&cut, filter.wires);
-            self.along(&sums, pixels, filter.length_mm, pitch_mm, |first, sums, pixels| {
+            // Filters of one width, and those of one cut, stand side by side and share what they sum across the wires.
+            let same_width = before.is_some_and(|before| before.wires == filter.wires);
+            if !same_width {
+                pixels = self.across(&self.counts, filter.wires);
+            }
+            if !same_width || before.is_some_and(|before| before.cut != filter.cut) {
+                let cut: Vec<f32> =
+                    self.sums.iter().zip(&self.counts).map(|(sum, n)| sum.min(filter.cut * n)).collect();
+                sums = self.across(&cut, filter.wires);
+            }
+            before = Some(filter);
+            self.along(&sums, &pixels, filter.length_mm, pitch_mm, |first, sums, pixels| {
                 each(number, first, sums, pixels);
             });
         }
