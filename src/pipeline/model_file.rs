@@ -4,13 +4,14 @@ use super::tables::write_error;
 use super::train::TrainReport;
 use super::{Acquisition, PipelineError};
 use crate::vision::appearance::Appearance;
+use crate::vision::histogram::REGIONS;
 use crate::vision::inspection_model::{LearntFactor, ViewAppearance};
-use crate::vision::scoring::FilterCalibration;
+use crate::vision::scoring::{FilterCalibration, RegionLevel};
 use serde::{Deserialize, Serialize};
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-const MAGIC: &[u8] = b"ropescope model 2\n";
+const MAGIC: &[u8] = b"ropescope model 3\n";
 /// How models of every version begin.
 const KIND: &[u8] = b"ropescope model ";
 /// Longest header that is read, in bytes.
@@ -42,8 +43,8 @@ struct Construction {
 struct Header {
     report: TrainReport,
     construction: Construction,
-    /// `[view][factor][filter]`: shared, pixels, one_in_100, one_in_1000.
-    calibration: Vec<Vec<Vec<[f64; 4]>>>,
+    /// `[view][factor][filter]`.
+    calibration: Vec<Vec<Vec<Option<CalibrationNumbers>>>>,
     /// Floats of each of the two tables of a factor.
     table_len: usize,
 }
@@ -85,7 +86,12 @@ impl Model {
             calibration: self
                 .views
                 .iter()
-                .map(|v| v.factors.iter().map(|f| f.calibration.iter().map(calibration_numbers).collect()).collect())
+                .map(|v| {
+                    v.factors
+                        .iter()
+                        .map(|f| f.calibration.iter().map(|c| c.as_ref().map(CalibrationNumbers::of)).collect())
+                        .collect()
+                })
                 .collect(),
             table_len: crate::vision::histogram::CELLS * crate::vision::histogram::GRAY_BINS,
         };
@@ -126,6 +132,7 @@ impl Model {
             unpacker.read_exact(&mut bytes).map_err(|e| unusable(format!("it is cut short or damaged ({e})")))?;
             Ok(bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
         };
+        let wrong_size = || unusable("its calibration has the wrong size".into());
         let mut views = Vec::new();
         for view in &header.calibration {
             let mut factors = Vec::new();
@@ -135,13 +142,8 @@ impl Model {
                     .ok_or_else(|| unusable("its tables have the wrong size".into()))?;
                 let calibration = calibration
                     .iter()
-                    .map(|&[shared, pixels, one_in_100, one_in_1000]| FilterCalibration {
-                        shared,
-                        pixels,
-                        one_in_100,
-                        one_in_1000,
-                    })
-                    .collect();
+                    .map(|numbers| numbers.as_ref().map(|n| n.calibration().ok_or_else(wrong_size)).transpose())
+                    .collect::<Result<_, _>>()?;
                 factors.push(LearntFactor { appearance, calibration });
             }
             views.push(ViewAppearance { factors });
@@ -150,8 +152,35 @@ impl Model {
     }
 }
 
-fn calibration_numbers(c: &FilterCalibration) -> [f64; 4] {
-    [c.shared, c.pixels, c.one_in_100, c.one_in_1000]
+/// A [`FilterCalibration`] as it is stored.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct CalibrationNumbers {
+    shared: f64,
+    pixels: f64,
+    one_in_100: f64,
+    one_in_1000: f64,
+    /// `[region]`: middle, upward.
+    regions: Vec<[f32; 2]>,
+}
+
+impl CalibrationNumbers {
+    fn of(c: &FilterCalibration) -> Self {
+        let regions = c.regions.iter().map(|r| [r.middle, r.upward]).collect();
+        let FilterCalibration { shared, pixels, one_in_100, one_in_1000, .. } = *c;
+        Self { shared, pixels, one_in_100, one_in_1000, regions }
+    }
+
+    fn calibration(&self) -> Option<FilterCalibration> {
+        let regions = self.regions.iter().map(|&[middle, upward]| RegionLevel { middle, upward }).collect();
+        let Self { shared, pixels, one_in_100, one_in_1000, .. } = *self;
+        (self.regions.len() == REGIONS).then_some(FilterCalibration {
+            shared,
+            pixels,
+            one_in_100,
+            one_in_1000,
+            regions,
+        })
+    }
 }
 
 fn read_header(path: &Path) -> Result<(Header, BufReader<std::fs::File>), PipelineError> {

@@ -2,7 +2,8 @@
 //!
 //! First it searches: a few stretches are gathered, the strands found by their contours (eq. 13), the camera distance estimated,
 //! the template learnt, the wires found. Then it tracks: every stretch starts from the last one's course. A stretch is
-//! answered when the next one is in, so that the smoother sees both sides; memory is that of the gathered stretches.
+//! measured when the contours of the next one are known and answered when that one is measured, so that axis and courses are
+//! smoothed with both sides in view; memory is that of the gathered stretches.
 
 use super::camera::Camera;
 use super::contour::{Contours, extract};
@@ -29,6 +30,9 @@ pub const GATHERED: usize = 5;
 pub const LEAST_SCORE: f64 = 0.45;
 /// Share of lines that must show both edges in a view.
 pub(super) const LEAST_FOUND: f64 = 0.4;
+
+/// Rope beyond the ends of a stretch whose contours its axis takes into account, in rope diameters.
+const BEYOND_DIAMETERS: f64 = 2.5;
 
 /// What does not change over an acquisition.
 #[derive(Debug, Clone)]
@@ -149,6 +153,8 @@ pub(super) struct Views {
 pub struct Aligner {
     spec: AlignerSpec,
     views: Option<Views>,
+    /// The last stretch that came in: its axis is found when the lines after it are there.
+    waiting: Option<Measured>,
     gathered: Vec<Measured>,
     /// The last two tracked stretches; the back one is not answered yet.
     window: VecDeque<Measured>,
@@ -156,11 +162,20 @@ pub struct Aligner {
     lost: usize,
 }
 
+/// Lets two stretches that follow each other know the contours beyond their ends.
+fn look_beyond(spec: &AlignerSpec, earlier: &mut Measured, later: &mut Measured) {
+    let lines = (BEYOND_DIAMETERS * spec.rope.diameter_mm() / spec.pitch_mm) as usize;
+    for (earlier, later) in earlier.views.iter_mut().zip(&mut later.views) {
+        earlier.beyond[1] = later.contours.of(0..lines);
+        later.beyond[0] = earlier.contours.of(earlier.contours.len().saturating_sub(lines)..usize::MAX);
+    }
+}
+
 impl Aligner {
     /// An aligner that has seen nothing.
     pub fn new(spec: AlignerSpec) -> Self {
         let wires = vec![None; spec.rope.strands()];
-        Self { spec, views: None, gathered: Vec::new(), window: VecDeque::new(), wires, lost: 0 }
+        Self { spec, views: None, waiting: None, gathered: Vec::new(), window: VecDeque::new(), wires, lost: 0 }
     }
 
     /// The cameras, once they were estimated.
@@ -175,22 +190,34 @@ impl Aligner {
 
     /// Takes the next stretch; answers those that are settled by it, in order.
     pub fn push(&mut self, stretch: Stretch) -> Vec<AlignedStretch> {
-        let seen = self.see(stretch);
+        let mut seen = self.see(stretch);
+        if let Some(waiting) = &mut self.waiting {
+            look_beyond(&self.spec, waiting, &mut seen);
+        }
         let mut out = Vec::new();
+        if let Some(waiting) = self.waiting.replace(seen) {
+            self.align(waiting, &mut out);
+        }
+        out
+    }
+
+    fn align(&mut self, seen: Measured, out: &mut Vec<AlignedStretch>) {
         if self.views.is_some() && self.gathered.is_empty() {
-            self.track(seen, &mut out);
+            self.track(seen, out);
         } else {
             self.gathered.push(seen);
             if self.gathered.len() >= GATHERED {
-                self.settle_gathered(&mut out);
+                self.settle_gathered(out);
             }
         }
-        out
     }
 
     /// Answers what is left.
     pub fn finish(&mut self) -> Vec<AlignedStretch> {
         let mut out = Vec::new();
+        if let Some(waiting) = self.waiting.take() {
+            self.align(waiting, &mut out);
+        }
         if !self.gathered.is_empty() {
             self.settle_gathered(&mut out);
         }
@@ -210,7 +237,7 @@ impl Aligner {
                     Some(given) => given[v].clone(),
                     None => extract(&image, hint),
                 };
-                ViewStretch { image, outline: Contours::default(), contours, axis_px: Vec::new() }
+                ViewStretch { image, contours, ..Default::default() }
             })
             .collect();
         Measured {

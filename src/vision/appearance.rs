@@ -1,14 +1,12 @@
 //! How intact rope looks at every point of its geometry, in one view. [Wacker13, sec. 4.2 and 5, eq. 18, 20-22]
 
-use super::histogram::{CELLS, DISTANCE_BINS, GRAY_BINS, Histogram, SIGMA_BINS, STRAND_BINS, WIRE_BINS};
+use super::histogram::{CELLS, GRAY_BINS, Histogram, REGIONS, SIGMA_BINS, region};
 use super::image::GrayImage;
 
 /// Observations that a cell needs (after smoothing) before it is judged.
 const LEAST_OBSERVATIONS: f32 = 30.0;
 /// epsilon of eq. 22, in units of a uniform density over gray.
 const EPSILON: f32 = 0.05;
-/// Cells of neighbouring phases that make a region R_k of eq. 21: strand bins x wire bins; distances are kept together.
-const REGION_BINS: (usize, usize) = (4, 4);
 /// Anomaly scores of single pixels are cut here: one pixel proves little.
 const CUT: f32 = 5.0;
 
@@ -109,37 +107,35 @@ impl Appearance {
     /// Builds the scores from stored likelihoods and the counts they were learnt from.
     fn from_likelihood(likelihood: Vec<f32>, histogram: &Histogram) -> Self {
         let mut score = vec![f32::NAN; CELLS * GRAY_BINS];
-        for strand_region in 0..STRAND_BINS / REGION_BINS.0 {
-            for wire_region in 0..WIRE_BINS / REGION_BINS.1 {
-                let cells: Vec<usize> = region_cells(strand_region, wire_region).collect();
-                // eq. 21 in logarithms: where registration is poor, the density is broad and even intact rope is unlikely. The
-                // paper divides by the region's mean likelihood; the region's mean and spread of the log-likelihood do the
-                // same for sums of many pixels, which is what the filter along the wire forms.
-                let (mut n, mut sum, mut squares) = (0.0f64, 0.0f64, 0.0f64);
-                for &cell in &cells {
-                    for (gray, &count) in histogram.of_cell(cell).iter().enumerate() {
-                        let p = likelihood[cell * GRAY_BINS + gray];
-                        if p > 0.0 && count > 0.0 {
-                            let surprise = f64::from(-(p + EPSILON).ln());
-                            n += f64::from(count);
-                            sum += f64::from(count) * surprise;
-                            squares += f64::from(count) * surprise * surprise;
-                        }
+        for of_region in 0..REGIONS {
+            let cells: Vec<usize> = (0..CELLS).filter(|&cell| usize::from(region(cell)) == of_region).collect();
+            // eq. 21 in logarithms: where registration is poor, the density is broad and even intact rope is unlikely. The
+            // paper divides by the region's mean likelihood; the region's mean and spread of the log-likelihood do the
+            // same for sums of many pixels, which is what the filter along the wire forms.
+            let (mut n, mut sum, mut squares) = (0.0f64, 0.0f64, 0.0f64);
+            for &cell in &cells {
+                for (gray, &count) in histogram.of_cell(cell).iter().enumerate() {
+                    let p = likelihood[cell * GRAY_BINS + gray];
+                    if p > 0.0 && count > 0.0 {
+                        let surprise = f64::from(-(p + EPSILON).ln());
+                        n += f64::from(count);
+                        sum += f64::from(count) * surprise;
+                        squares += f64::from(count) * surprise * surprise;
                     }
                 }
-                if n < f64::from(LEAST_OBSERVATIONS) {
-                    continue;
-                }
-                let mean = sum / n;
-                let sd = (squares / n - mean * mean).max(1e-4).sqrt();
-                for &cell in &cells {
-                    for gray in 0..GRAY_BINS {
-                        let p = likelihood[cell * GRAY_BINS + gray];
-                        if p > 0.0 {
-                            // eq. 22, as an anomaly: 0 on average over intact rope, 1 is one standard deviation.
-                            let surprise = (-(p + EPSILON).ln() - mean as f32) / sd as f32;
-                            score[cell * GRAY_BINS + gray] = surprise.min(CUT);
-                        }
+            }
+            if n < f64::from(LEAST_OBSERVATIONS) {
+                continue;
+            }
+            let mean = sum / n;
+            let sd = (squares / n - mean * mean).max(1e-4).sqrt();
+            for &cell in &cells {
+                for gray in 0..GRAY_BINS {
+                    let p = likelihood[cell * GRAY_BINS + gray];
+                    if p > 0.0 {
+                        // eq. 22, as an anomaly: 0 on average over intact rope, 1 is one standard deviation.
+                        let surprise = (-(p + EPSILON).ln() - mean as f32) / sd as f32;
+                        score[cell * GRAY_BINS + gray] = surprise.min(CUT);
                     }
                 }
             }
@@ -210,20 +206,10 @@ fn spread(likelihood: &[f32]) -> Vec<f32> {
         .collect()
 }
 
-fn region_cells(strand_region: usize, wire_region: usize) -> impl Iterator<Item = usize> {
-    (0..REGION_BINS.0).flat_map(move |s| {
-        (0..REGION_BINS.1).flat_map(move |w| {
-            (0..DISTANCE_BINS).map(move |d| {
-                super::histogram::cell(strand_region * REGION_BINS.0 + s, wire_region * REGION_BINS.1 + w, d)
-            })
-        })
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::histogram::cell;
+    use crate::vision::histogram::{DISTANCE_BINS, cell};
 
     #[test]
     fn what_was_often_seen_is_likely_and_what_never_was_is_anomalous() {

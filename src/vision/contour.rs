@@ -27,6 +27,20 @@ impl Contours {
         self.lower_px.is_empty()
     }
 
+    /// Those of a range of lines, cut to the lines that there are.
+    pub fn of(&self, lines: std::ops::Range<usize>) -> Self {
+        let lines = lines.start.min(self.len())..lines.end.min(self.len());
+        Self { lower_px: self.lower_px[lines.clone()].to_vec(), upper_px: self.upper_px[lines].to_vec() }
+    }
+
+    /// Contours one after the other.
+    pub fn joined(parts: [&Self; 3]) -> Self {
+        Self {
+            lower_px: parts.map(|part| &part.lower_px[..]).concat(),
+            upper_px: parts.map(|part| &part.upper_px[..]).concat(),
+        }
+    }
+
     /// Share of lines that show both edges.
     pub fn found(&self) -> f64 {
         let both = self.lower_px.iter().zip(&self.upper_px).filter(|(l, u)| l.is_finite() && u.is_finite()).count();

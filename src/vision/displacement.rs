@@ -1,6 +1,7 @@
 //! Lateral correction of every line, so that real and model contours agree best. [Wacker13, sec. 3.3.1 (2)-(3), eq. 9-12]
 
 use super::contour::Contours;
+use nalgebra::{Matrix3, Vector3};
 
 /// Column of the rope axis in one line: where the model contours must stand to fit the real ones best.
 ///
@@ -10,13 +11,16 @@ pub fn axis_px(lower_px: f64, upper_px: f64, model_lower_px: f64, model_upper_px
     0.5 * (upper_px - model_upper_px + lower_px - model_lower_px)
 }
 
-/// Column of the axis at every line, robustly smoothed over `smooth_lines` lines; NaN only if no line shows the rope.
+/// Periods of the outline (from strand to strand) over which the axis is smoothed.
+const PERIODS: usize = 4;
+
+/// Column of the axis at every line, robustly smoothed; NaN only if no line shows the rope.
 ///
-/// The paper corrects every line by its own contours; a single wire end then shifts its whole line. Ropes do not jump: over
-/// less than a strand's pitch their sideways movement is smooth, so a straight line is fitted about every line,
-/// with outliers left out.
+/// The paper corrects every line by its own contours; a single wire end then shifts its whole line, and a strand that lies higher
+/// than the others every line that it stands out in. Ropes do not jump: over a few strands' pitches their sideways movement is
+/// smooth, so a parabola is fitted about every line, with outliers left out. `period_lines` is from strand to strand.
 /// `model(line)` gives the model contours (lower, upper) at a line, counted from the axis.
-pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), smooth_lines: usize) -> Vec<f32> {
+pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), period_lines: usize) -> Vec<f32> {
     let n = contours.len();
     let mut raw = vec![f32::NAN; n];
     for (line, axis) in raw.iter_mut().enumerate() {
@@ -24,7 +28,7 @@ pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), 
         *axis = axis_px(f64::from(contours.lower_px[line]), f64::from(contours.upper_px[line]), lower, upper) as f32;
     }
     // Reject what is far from the local median.
-    let half = (smooth_lines / 2).max(1);
+    let half = (period_lines / 2).max(1);
     let mut kept = raw.clone();
     let mut window: Vec<f32> = Vec::with_capacity(2 * half + 1);
     let stride = (half / 4).max(1);
@@ -46,23 +50,25 @@ pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), 
             }
         }
     }
-    let mut course = local_lines(&kept, half);
+    let mut course = local_parabolas(&kept, PERIODS * half);
     fill_gaps(&mut course);
     course
 }
 
-/// Value at every place of the straight line fitted to `half` values on either side, skipping NaN: ramps stay ramps, also at the
+/// Value at every place of the parabola fitted to `half` values on either side, skipping NaN: swings stay swings, also at the
 /// ends, where the window is one-sided.
-fn local_lines(values: &[f32], half: usize) -> Vec<f32> {
+fn local_parabolas(values: &[f32], half: usize) -> Vec<f32> {
     let n = values.len();
-    // Prefix sums of 1, x, x^2, y, xy.
-    let mut sums = vec![[0.0f64; 5]; n + 1];
-    for (k, &v) in values.iter().enumerate() {
+    let scale = 1.0 / half as f64; // sums of powers of small numbers stay exact
+    let place = |k: usize| (k as f64 - n as f64 / 2.0) * scale;
+    // Sums of the values before each: 1, x .. x^4, y, xy, x^2 y.
+    let mut sums = vec![[0.0f64; 8]; n + 1];
+    for (k, &value) in values.iter().enumerate() {
         let mut next = sums[k];
-        if v.is_finite() {
-            let (x, y) = (k as f64, f64::from(v));
-            for (s, term) in next.iter_mut().zip([1.0, x, x * x, y, x * y]) {
-                *s += term;
+        if value.is_finite() {
+            let (x, y) = (place(k), f64::from(value));
+            for (sum, term) in next.iter_mut().zip([1.0, x, x * x, x * x * x, x * x * x * x, y, x * y, x * x * y]) {
+                *sum += term;
             }
         }
         sums[k + 1] = next;
@@ -70,15 +76,17 @@ fn local_lines(values: &[f32], half: usize) -> Vec<f32> {
     (0..n)
         .map(|k| {
             let (from, to) = (k.saturating_sub(half), (k + half + 1).min(n));
-            // A window cut at an end is lengthened on the other side, so that its mean stays as certain.
+            // A window cut at an end is lengthened on the other side, so that it stays as certain.
             let (from, to) = (from.min(n.saturating_sub(2 * half + 1)), to.max((2 * half + 1).min(n)));
-            let [count, x, xx, y, xy] = std::array::from_fn(|t| sums[to][t] - sums[from][t]);
-            if count < 3.0 {
+            let s: [f64; 8] = std::array::from_fn(|t| sums[to][t] - sums[from][t]);
+            if s[0] < 3.0 {
                 return f32::NAN;
             }
-            let determinant = count * xx - x * x;
-            let slope = if determinant > 1e-6 { (count * xy - x * y) / determinant } else { 0.0 };
-            ((y - slope * x) / count + slope * k as f64) as f32
+            let x = place(k);
+            let parabola = Matrix3::new(s[0], s[1], s[2], s[1], s[2], s[3], s[2], s[3], s[4])
+                .lu()
+                .solve(&Vector3::new(s[5], s[6], s[7]));
+            parabola.map_or((s[5] / s[0]) as f32, |p| (p[0] + p[1] * x + p[2] * x * x) as f32)
         })
         .collect()
 }

@@ -7,8 +7,9 @@
 use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
 use super::estimates::Estimates;
-use super::histogram::Histogram;
-use super::residuals::{Factor, Residuals};
+use super::factor::Factor;
+use super::histogram::{Histogram, region};
+use super::residuals::Residuals;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
@@ -40,8 +41,31 @@ pub const FILTERS: [Filter; 6] = [
     Filter { length_mm: 8.0, wires: 3.0, cut: 2.0 },
     Filter { length_mm: 25.0, wires: 3.0, cut: 1.0 },
 ];
+/// Region of places that no pixel fell into.
+pub const UNSEEN: u8 = u8::MAX;
 /// Reach about a place within which a pixel makes it seen: mm along the rope, wires across.
-const SEEN_WITHIN: (f64, f64) = (4.0, 2.0);
+const SEEN_WITHIN: (f64, f64) = (4.0, 1.4);
+
+/// What falls under a filter about every cell of a block.
+#[derive(Debug, Clone, Copy)]
+pub struct Filtered<'a> {
+    /// Sums of scores.
+    pub sums: &'a [f32],
+    /// Numbers of pixels.
+    pub pixels: &'a [f32],
+    /// Region of the surface that the cell itself shows, or [`UNSEEN`].
+    pub regions: &'a [u8],
+}
+
+impl Filtered<'_> {
+    /// (sum, pixels, region) of every cell that is seen itself.
+    pub fn seen(&self) -> impl Iterator<Item = (usize, f32, f32, usize)> {
+        let cells = self.sums.iter().zip(self.pixels).zip(self.regions).enumerate();
+        cells
+            .filter(|(_, (_, region))| **region != UNSEEN)
+            .map(|(k, ((&sum, &n), &region))| (k, sum, n, usize::from(region)))
+    }
+}
 
 /// Sums of scores of a stretch in one view, `[(block * strands + strand) * places + place]`.
 #[derive(Debug, Clone)]
@@ -54,8 +78,12 @@ pub struct Evidence {
     pub strands: usize,
     /// Places per strand.
     pub places: usize,
+    /// Shortest filter that is asked in mm.
+    shortest_mm: f64,
     sums: Vec<f32>,
     counts: Vec<f32>,
+    /// Region of the surface that the place shows in this view; [`UNSEEN`] where no pixel fell.
+    regions: Vec<u8>,
 }
 
 /// Lines per block for a line pitch.
@@ -79,41 +107,50 @@ pub fn learn(rope: &Rope, camera: &Camera, estimates: &Estimates, view: &ViewStr
 impl Evidence {
     /// Scores a further factor of the appearance at every place of the unrolled rope.
     pub fn of_factor(residuals: &Residuals, factor: Factor, appearance: &Appearance, pitch_mm: f64) -> Self {
-        let mut evidence = Self::empty(residuals.block_lines, residuals.blocks, residuals.strands, residuals.places);
+        let mut evidence = Self::empty(
+            residuals.block_lines,
+            residuals.blocks,
+            residuals.strands,
+            residuals.places,
+            factor.shortest_mm(),
+        );
         residuals.for_each(factor, pitch_mm, |at, cell, bin| {
             let score = factor.score(appearance, cell, bin);
             if score.is_finite() {
-                evidence.add(at, score); // once a place
+                evidence.set(at, score, 1.0, region(cell)); // once a place
             }
         });
         evidence
     }
 
     /// Empty evidence of so many blocks.
-    pub(super) fn empty(block_lines: usize, blocks: usize, strands: usize, places: usize) -> Self {
+    pub(super) fn empty(block_lines: usize, blocks: usize, strands: usize, places: usize, shortest_mm: f64) -> Self {
         let len = blocks * strands * places;
-        Self { block_lines, blocks, strands, places, sums: vec![0.0; len], counts: vec![0.0; len] }
+        Self {
+            block_lines,
+            blocks,
+            strands,
+            places,
+            shortest_mm,
+            sums: vec![0.0; len],
+            counts: vec![0.0; len],
+            regions: vec![UNSEEN; len],
+        }
     }
 
-    /// Sets the sum of scores of a place, and the number of its pixels.
-    pub(super) fn set(&mut self, at: usize, sum: f32, pixels: f32) {
+    /// Sets the sum of scores of a place, the number of its pixels, and the region that it shows.
+    pub(super) fn set(&mut self, at: usize, sum: f32, pixels: f32, region: u8) {
         self.sums[at] = sum;
         self.counts[at] = pixels;
+        self.regions[at] = region;
     }
 
-    /// Adds the score of one pixel.
-    #[inline]
-    pub(super) fn add(&mut self, at: usize, score: f32) {
-        self.sums[at] += score;
-        self.counts[at] += 1.0;
-    }
-
-    /// Calls `each` for every filter and block with (number of the filter, index of the block's first cell, sums of scores, numbers of
-    /// pixels) of the block's cells.
-    pub fn filtered(&self, pitch_mm: f64, mut each: impl FnMut(usize, usize, &[f32], &[f32])) {
+    /// Calls `each` for every filter that is asked and every block with the number of the filter in [`FILTERS`], the index of the block's first cell, and what
+    /// falls under the filter about each of the block's cells.
+    pub fn filtered(&self, pitch_mm: f64, mut each: impl FnMut(usize, usize, Filtered<'_>)) {
         let (mut pixels, mut sums) = (Vec::new(), Vec::new());
         let mut before: Option<Filter> = None;
-        for (number, filter) in FILTERS.into_iter().enumerate() {
+        for (number, filter) in FILTERS.into_iter().enumerate().filter(|(_, f)| f.length_mm >= self.shortest_mm) {
             // Filters of one width, and those of one cut, stand side by side and share what they sum across the wires.
             let same_width = before.is_some_and(|before| before.wires == filter.wires);
             if !same_width {
@@ -126,7 +163,8 @@ impl Evidence {
             }
             before = Some(filter);
             self.along(&sums, &pixels, filter.length_mm, pitch_mm, |first, sums, pixels| {
-                each(number, first, sums, pixels);
+                let regions = &self.regions[first..first + sums.len()];
+                each(number, first, Filtered { sums, pixels, regions });
             });
         }
     }

@@ -32,6 +32,17 @@ pub fn cell(strand_bin: usize, wire_bin: usize, distance_bin: usize) -> usize {
     (strand_bin * WIRE_BINS + wire_bin) * DISTANCE_BINS + distance_bin
 }
 
+/// Bins of neighbouring strand and wire phases that make a region R_k of eq. 21; distances are kept together.
+const REGION_BINS: (usize, usize) = (4, 3);
+/// Regions R_k of the surface in view. [eq. 21]
+pub const REGIONS: usize = (STRAND_BINS / REGION_BINS.0) * (WIRE_BINS / REGION_BINS.1);
+
+/// Region that a surface cell lies in.
+pub fn region(cell: usize) -> u8 {
+    let (strand, wire) = (cell / DISTANCE_BINS / WIRE_BINS, cell / DISTANCE_BINS % WIRE_BINS);
+    (strand / REGION_BINS.0 * (WIRE_BINS / REGION_BINS.1) + wire / REGION_BINS.1) as u8
+}
+
 impl Histogram {
     /// Adds one observation.
     #[inline]

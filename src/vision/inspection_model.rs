@@ -4,23 +4,21 @@ use super::appearance::Appearance;
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
+use super::factor::FACTORS;
 use super::histogram::Histogram;
-use super::residuals::{Factor, Residuals};
+use super::residuals::Residuals;
 use super::rope::Rope;
 use super::scoring::{CalibrationSums, FilterCalibration, StretchScores, score};
 use super::stretch::ViewStretch;
 use super::surface_map::SurfaceMap;
-
-/// The factors beside the gray value, in the order in which they are stored.
-pub const FACTORS: [Factor; 3] = [Factor::Contrast, Factor::Roughness, Factor::Texture];
 
 /// One factor: its density given the surface point, and the calibration of its filters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearntFactor {
     /// Density and scores.
     pub appearance: Appearance,
-    /// Calibration of every filter; empty until calibrated.
-    pub calibration: Vec<FilterCalibration>,
+    /// Calibration of every filter, `None` for those that are not asked; empty until calibrated.
+    pub calibration: Vec<Option<FilterCalibration>>,
 }
 
 /// What one view learnt: the gray value first, then [`FACTORS`].

@@ -1,18 +1,15 @@
 //! How the gray of the unrolled rope deviates from what is expected, and what that says beside the single gray value.
-//!
-//! Dirt and oil change gray values over long stretches without being defects; broken ends, pits and burns change them over a
-//! millimetre. Further factors of the appearance model therefore look along the wire: the contrast of a place against its own
-//! wire before and behind it, the roughness of the gray there, and its texture pixel by pixel. All are judged like the gray
-//! itself: by how likely they are on intact rope at that surface point.
 
 use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
 use super::estimates::Estimates;
-use super::evidence::Evidence;
-use super::histogram::GRAY_BINS;
+use super::evidence::{self, Evidence};
+use super::factor::Factor;
+use super::grain::Grain;
+use super::histogram::region;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
-use super::surface_map::{PLACES_PER_WIRE, SurfaceMap, whole};
+use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
 
 /// Cells of the grid that no pixel fell into.
 const UNSEEN: u32 = u32::MAX;
@@ -32,7 +29,9 @@ pub struct Residuals {
     /// Mean deviation of the gray bin from its expected value; NaN where no pixel fell.
     deviation: Vec<f32>,
     /// Mean squared change of the pixels along the wire; NaN where none could be compared.
-    texture: Vec<f32>,
+    along: Vec<f32>,
+    /// The same across the wire.
+    across: Vec<f32>,
     /// Surface cell that the place shows.
     surface_cell: Vec<u32>,
 }
@@ -44,40 +43,15 @@ struct Sums {
     scored: f32,
     deviation: f32,
     expected: f32,
-    change: f32,
-    changes: f32,
+    along: f32,
+    alongs: f32,
+    across: f32,
+    acrosses: f32,
     cell: u32,
 }
 
-/// What is judged of a place, beside its gray.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Factor {
-    /// Difference of a place from its own wire, some millimetres before and behind.
-    Contrast,
-    /// Change of the deviation from block to block, averaged over a few millimetres.
-    Roughness,
-    /// Grain along the wire, pixel by pixel, averaged over a place: pits and scratches of a wire that is neither darker nor
-    /// brighter for them.
-    Texture,
-}
-
-/// Distance along the wire over which grain is compared in mm: pits and scratches are about as large.
-const GRAIN_MM: f64 = 0.3;
-/// One of so many lines is compared: neighbours show the same grain.
-const GRAIN_EVERY: usize = 2;
-
-impl Factor {
-    /// Anomaly score of a bin of the factor: 0 on average over intact rope, 1 is one standard deviation.
-    ///
-    /// Long weak damage moves the grain of many places a little. Their deviations with sign add up to more than their
-    /// surprises, and a wire that is smoother than usual is not damaged.
-    pub fn score(self, appearance: &Appearance, cell: usize, bin: u8) -> f32 {
-        match self {
-            Self::Contrast | Self::Roughness => appearance.score(cell, bin),
-            Self::Texture => appearance.above(cell, bin),
-        }
-    }
-}
+/// Mean squared change that is added to both parts of their ratio: below it is what averaging left of the sensor's noise.
+const LEAST_GRAIN: f32 = 0.05;
 
 impl Residuals {
     /// Gathers a stretch: the evidence of the gray values themselves, and what deviates from their expectation, in one pass.
@@ -94,15 +68,15 @@ impl Residuals {
         let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
         let blocks = lines.div_ceil(block_lines);
         let mut sums = vec![Sums::default(); blocks * strands * places];
-        let mut evidence = Evidence::empty(block_lines, blocks, strands, places);
+        let mut evidence = Evidence::empty(block_lines, blocks, strands, places, 0.0);
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
         let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
-        let grain_lines = ((GRAIN_MM / pitch_mm).round() as usize).max(1);
-        let width = view.image.width();
+        let mut grain = Grain::new(camera, pitch_mm, view.image.width());
+        let lag_lines = grain.lag_lines() as f32;
         for line in 0..lines {
-            let (row, bins, fine) = (view.image.line(line), scale.line(line), scale.fine(line));
-            let compared = line.checked_sub(grain_lines).filter(|_| line % GRAIN_EVERY == 0);
-            let past = compared.map(|past| (past, view.image.line(past), scale.fine(past)));
+            let (row, bins) = (view.image.line(line), scale.line(line));
+            let compared = grain.take(line, row, scale.fine(line));
+            let axis_moved_px = grain.before(line).map(|before| view.axis_px[before] - view.axis_px[line]);
             let block = line / block_lines * strands;
             map.for_each(line, view.axis_px[line], |point| {
                 let bin = bins[usize::from(row[point.column])];
@@ -117,109 +91,124 @@ impl Residuals {
                     sums.deviation += f32::from(bin) + 0.5 - expected;
                     sums.expected += 1.0;
                     sums.cell = point.cell as u32;
-                    if let Some((past, past_row, past_fine)) = past {
-                        let moved = view.axis_px[past] - view.axis_px[line] - grain_lines as f32 * point.slope_px;
-                        let at = point.column as f32 + moved;
-                        if at >= 0.0 && at < (width - 1) as f32 {
-                            let gray = |column: usize| past_fine[usize::from(past_row[column])];
-                            let column = whole(at) as usize;
-                            let share = at - column as f32;
-                            let before = gray(column) + share * (gray(column + 1) - gray(column));
-                            let change = fine[usize::from(row[point.column])] - before;
-                            sums.change += change * change;
-                            sums.changes += 1.0;
+                    if let (true, Some(axis_moved_px)) = (compared, axis_moved_px) {
+                        let moved_px = axis_moved_px - lag_lines * point.slope_px;
+                        if let Some(change) = grain.along(line, point.column, moved_px) {
+                            sums.along += change;
+                            sums.alongs += 1.0;
+                        }
+                        if let Some(change) = grain.across(line, point.strand, point.column, expected) {
+                            sums.across += change;
+                            sums.acrosses += 1.0;
                         }
                     }
                 }
             });
         }
         let row = strands * places;
-        let mut deviation = vec![f32::NAN; sums.len()];
-        let mut surface_cell = vec![UNSEEN; sums.len()];
-        let mut texture = vec![f32::NAN; sums.len()];
+        let mut residuals = Self {
+            block_lines,
+            blocks,
+            strands,
+            places,
+            deviation: vec![f32::NAN; sums.len()],
+            along: vec![f32::NAN; sums.len()],
+            across: vec![f32::NAN; sums.len()],
+            surface_cell: vec![UNSEEN; sums.len()],
+        };
         for (at, sums) in sums.into_iter().enumerate() {
-            evidence.set(at, sums.score, sums.scored);
-            if sums.expected > 0.0 {
-                let along = at % row * blocks + at / row;
-                deviation[along] = sums.deviation / sums.expected;
-                surface_cell[along] = sums.cell;
-                if sums.changes > 0.0 {
-                    texture[along] = sums.change / sums.changes;
-                }
+            let seen = sums.expected > 0.0;
+            evidence.set(at, sums.score, sums.scored, if seen { region(sums.cell as usize) } else { evidence::UNSEEN });
+            if seen {
+                let along_wire = at % row * blocks + at / row;
+                residuals.surface_cell[along_wire] = sums.cell;
+                residuals.deviation[along_wire] = sums.deviation / sums.expected;
+                residuals.along[along_wire] = sums.along / sums.alongs; // NaN without any
+                residuals.across[along_wire] = sums.across / sums.acrosses;
             }
         }
-        (evidence, Self { block_lines, blocks, strands, places, deviation, texture, surface_cell })
+        (evidence, residuals)
     }
 
     /// Calls `each` with (index in the grid, surface cell, bin of the factor) for every place where the factor can be told.
     pub fn for_each(&self, factor: Factor, pitch_mm: f64, mut each: impl FnMut(usize, usize, u8)) {
         let row = self.strands * self.places;
         let block_mm = self.block_lines as f64 * pitch_mm;
-        let blocks_of = |mm: f64| (mm / block_mm).round().max(1.0) as usize;
+        let mut values = Vec::with_capacity(self.blocks);
         for column in 0..row {
-            let at = |block: usize| column * self.blocks + block;
-            let deviation = &self.deviation[at(0)..at(self.blocks)];
-            let running = match factor {
-                Factor::Contrast => running_sums(deviation.iter().copied()),
-                Factor::Roughness => {
-                    let before = std::iter::once(&f32::NAN).chain(deviation);
-                    running_sums(deviation.iter().zip(before).map(|(d, before)| (d - before) * (d - before)))
+            let wire = column * self.blocks..(column + 1) * self.blocks;
+            let surface_cells = &self.surface_cell[wire.clone()];
+            if surface_cells.iter().all(|&cell| cell == UNSEEN) {
+                continue;
+            }
+            values.clear();
+            match factor {
+                Factor::Contrast => contrast(&self.deviation[wire], block_mm, &mut values),
+                Factor::Roughness => roughness(&self.deviation[wire], block_mm, &mut values),
+                Factor::Texture => values.extend_from_slice(&self.along[wire]),
+                Factor::Isotropy => {
+                    let grains = self.along[wire.clone()].iter().zip(&self.across[wire]);
+                    values.extend(grains.map(|(along, across)| (along + LEAST_GRAIN) / (across + LEAST_GRAIN)));
                 }
-                Factor::Texture => Vec::new(),
-            };
-            let mean = |from: usize, to: usize| {
-                let (a, b) = (running[from.min(self.blocks)], running[to.min(self.blocks)]);
-                if b.1 - a.1 >= 1.0 { (b.0 - a.0) / (b.1 - a.1) } else { f32::NAN }
-            };
-            for block in 0..self.blocks {
-                if self.surface_cell[at(block)] == UNSEEN {
-                    continue;
+            }
+            for (block, (&value, &cell)) in values.iter().zip(surface_cells).enumerate() {
+                if let (true, Some(bin)) = (cell != UNSEEN, factor.bin(value)) {
+                    each(block * row + column, cell as usize, bin);
                 }
-                let bin = match factor {
-                    Factor::Contrast => {
-                        let (inner, gap, outer) = (blocks_of(0.5) / 2, blocks_of(2.0), blocks_of(7.0));
-                        let here = mean(block.saturating_sub(inner), block + inner + 1);
-                        let behind = mean(block.saturating_sub(outer), block.saturating_sub(gap));
-                        let ahead = mean(block + gap + 1, block + outer + 1);
-                        let around = match (behind.is_nan(), ahead.is_nan()) {
-                            (false, false) => (behind + ahead) / 2.0,
-                            (true, _) => ahead,
-                            (_, true) => behind,
-                        };
-                        if (here - around).is_nan() {
-                            continue;
-                        }
-                        ((here - around) * 1.6 + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0)
-                    }
-                    Factor::Texture => {
-                        let power = self.texture[at(block)];
-                        if power.is_nan() {
-                            continue;
-                        }
-                        ((power + 0.02).ln() * 4.0 + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0)
-                    }
-                    Factor::Roughness => {
-                        let reach = blocks_of(1.5);
-                        let power = mean(block.saturating_sub(reach), block + reach + 1);
-                        if power.is_nan() {
-                            continue;
-                        }
-                        ((power + 0.01).ln() * 3.0 + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0)
-                    }
-                };
-                each(block * row + column, self.surface_cell[at(block)] as usize, bin as u8);
             }
         }
     }
 }
 
+/// Blocks that make so many mm.
+fn blocks_of(mm: f64, block_mm: f64) -> usize {
+    (mm / block_mm).round().max(1.0) as usize
+}
+
+/// Difference of every block of a wire from 2 to 7 mm before and behind it.
+fn contrast(deviation: &[f32], block_mm: f64, values: &mut Vec<f32>) {
+    let running = RunningSums::new(deviation.iter().copied());
+    let [inner, gap, outer] = [0.5, 2.0, 7.0].map(|mm| blocks_of(mm, block_mm));
+    let inner = inner / 2;
+    values.extend((0..deviation.len()).map(|block| {
+        let here = running.mean(block.saturating_sub(inner), block + inner + 1);
+        let behind = running.mean(block.saturating_sub(outer), block.saturating_sub(gap));
+        let ahead = running.mean(block + gap + 1, block + outer + 1);
+        let around = match (behind.is_nan(), ahead.is_nan()) {
+            (false, false) => (behind + ahead) / 2.0,
+            (true, _) => ahead,
+            (_, true) => behind,
+        };
+        here - around
+    }));
+}
+
+/// Mean squared change from block to block within 1.5 mm of every block of a wire.
+fn roughness(deviation: &[f32], block_mm: f64, values: &mut Vec<f32>) {
+    let before = std::iter::once(&f32::NAN).chain(deviation);
+    let running = RunningSums::new(deviation.iter().zip(before).map(|(d, before)| (d - before) * (d - before)));
+    let reach = blocks_of(1.5, block_mm);
+    values.extend((0..deviation.len()).map(|block| running.mean(block.saturating_sub(reach), block + reach + 1)));
+}
+
 /// Sum and number of the values before each, NaN counting as absent.
-fn running_sums(values: impl Iterator<Item = f32>) -> Vec<(f32, f32)> {
-    let add = |total: &mut (f32, f32), value: f32| {
-        if !value.is_nan() {
-            *total = (total.0 + value, total.1 + 1.0);
-        }
-        Some(*total)
-    };
-    std::iter::once((0.0, 0.0)).chain(values.scan((0.0, 0.0), add)).collect()
+struct RunningSums(Vec<(f32, f32)>);
+
+impl RunningSums {
+    fn new(values: impl Iterator<Item = f32>) -> Self {
+        let add = |total: &mut (f32, f32), value: f32| {
+            if !value.is_nan() {
+                *total = (total.0 + value, total.1 + 1.0);
+            }
+            Some(*total)
+        };
+        Self(std::iter::once((0.0, 0.0)).chain(values.scan((0.0, 0.0), add)).collect())
+    }
+
+    /// Mean of the values of a range, which may reach beyond the end; NaN where there is none.
+    fn mean(&self, from: usize, to: usize) -> f32 {
+        let last = self.0.len() - 1;
+        let (a, b) = (self.0[from.min(last)], self.0[to.min(last)]);
+        if b.1 - a.1 >= 1.0 { (b.0 - a.0) / (b.1 - a.1) } else { f32::NAN }
+    }
 }

@@ -4,38 +4,57 @@
 //! vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2). The upper tail of the
 //! normalised sums is close to exponential; a score of 3 means "one in 10^3 such places on intact rope", and so on.
 
-use super::evidence::{Evidence, FILTERS};
+use super::evidence::{Evidence, FILTERS, Filtered, UNSEEN};
+use super::histogram::REGIONS;
 
 /// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
 const LEAST_SHARE: f32 = 0.25;
 
 /// Calibration of one filter.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct FilterCalibration {
     /// Share of the variance that pixels have in common.
     pub shared: f64,
     /// Most pixels that fall under the filter (95th percentile).
     pub pixels: f64,
-    /// Normalised sum that 1 in 100 places of intact rope exceeds.
+    /// Sum, in units of its region, that 1 in 100 places of intact rope exceeds.
     pub one_in_100: f64,
-    /// Normalised sum that 1 in 1000 places exceeds.
+    /// The same for 1 in 1000 places.
     pub one_in_1000: f64,
+    /// How sums of each region of the surface lie on intact rope.
+    pub regions: Vec<RegionLevel>,
+}
+
+/// Where the normalised sums of one region of the surface lie on intact rope.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RegionLevel {
+    /// Median.
+    pub middle: f32,
+    /// From there to what 1 in 10 exceeds.
+    pub upward: f32,
+}
+
+/// Sum of scores over so many pixels, divided by its standard deviation.
+#[inline]
+fn normalised(sum: f32, pixels: f32, shared: f32) -> f32 {
+    sum / (pixels + shared * pixels * pixels).sqrt()
 }
 
 impl FilterCalibration {
-    #[inline]
-    fn normalised(&self, sum: f32, pixels: f32) -> f32 {
-        sum / (pixels + self.shared as f32 * pixels * pixels).sqrt()
-    }
-
-    /// Raises `highest` to the scores of sums: minus the decimal logarithm of how often intact rope exceeds them. Where too few
-    /// pixels fell in, nothing is said.
-    pub fn raise(&self, highest: &mut [f32], sums: &[f32], pixels: &[f32]) {
+    /// Raises `highest` to the scores of what was filtered: minus the decimal logarithm of how often intact rope exceeds it.
+    /// Where too few pixels fell in, nothing is said.
+    pub fn raise(&self, highest: &mut [f32], filtered: Filtered<'_>) {
         let least = LEAST_SHARE * self.pixels as f32;
         let per_decade = 1.0 / (self.one_in_1000 - self.one_in_100).max(0.05) as f32;
         let from = 2.0 - self.one_in_100 as f32 * per_decade;
-        for ((highest, &sum), &n) in highest.iter_mut().zip(sums).zip(pixels) {
-            let score = from + self.normalised(sum, n) * per_decade;
+        // Sums of a region rise from `middle`; what was not seen lies in none and is never judged.
+        let levels: [(f32, f32); UNSEEN as usize + 1] = std::array::from_fn(|r| {
+            self.regions.get(r).map_or((0.0, f32::NAN), |level| (level.middle, per_decade / level.upward))
+        });
+        let cells = filtered.sums.iter().zip(filtered.pixels).zip(filtered.regions);
+        for (highest, ((&sum, &n), &region)) in highest.iter_mut().zip(cells) {
+            let (middle, rise) = levels[usize::from(region)];
+            let score = from + (normalised(sum, n, self.shared as f32) - middle) * rise;
             let judged = if n >= least { score } else { UNJUDGED };
             *highest = if judged > *highest { judged } else { *highest };
         }
@@ -45,13 +64,23 @@ impl FilterCalibration {
 /// Gathers filtered sums of held-back intact rope.
 #[derive(Debug, Clone)]
 pub struct CalibrationSums {
-    samples: Vec<Vec<(f32, f32)>>,
+    samples: Vec<Vec<Sample>>,
+}
+
+/// What fell under a filter about one place.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    sum: f32,
+    pixels: f32,
+    region: u8,
 }
 
 /// Fewest samples that calibrate a filter: two at the rarest level that is read off.
 const LEAST_SAMPLES: usize = 2000;
 /// Every how many places one is kept: neighbours tell nearly the same, and memory must stay small.
 const SAMPLE_STRIDE: usize = 7;
+/// Samples of the whole surface that a region's own are mixed with: few of its own would mislead.
+const COMMON_SAMPLES: f32 = 100.0;
 
 impl Default for CalibrationSums {
     fn default() -> Self {
@@ -62,40 +91,78 @@ impl Default for CalibrationSums {
 impl CalibrationSums {
     /// Adds a stretch of intact rope.
     pub fn add(&mut self, evidence: &Evidence, pitch_mm: f64) {
-        evidence.filtered(pitch_mm, |filter, first, sums, pixels| {
-            let sampled = |(at, n): (usize, f32)| at % SAMPLE_STRIDE == 0 && n > 0.0;
-            let cells = sums.iter().zip(pixels).enumerate();
-            let sampled = cells.filter(|(k, (_, n))| sampled((first + k, **n)));
-            self.samples[filter].extend(sampled.map(|(_, (&sum, &n))| (sum, n)));
+        evidence.filtered(pitch_mm, |filter, first, filtered| {
+            let sampled = filtered.seen().filter(|(k, _, n, _)| (first + k) % SAMPLE_STRIDE == 0 && *n > 0.0);
+            self.samples[filter].extend(sampled.map(|(_, sum, pixels, region)| Sample {
+                sum,
+                pixels,
+                region: region as u8,
+            }));
         });
     }
 
-    /// Calibrates every filter. `None` if there are too few samples.
-    pub fn calibrate(mut self) -> Option<Vec<FilterCalibration>> {
-        self.samples.iter_mut().map(calibrate).collect()
+    /// Calibrates every filter that was asked. `None` if there are too few samples of one.
+    pub fn calibrate(mut self) -> Option<Vec<Option<FilterCalibration>>> {
+        let of_filter = |samples: &mut Vec<Sample>| match samples.len() {
+            0 => Some(None),
+            1..LEAST_SAMPLES => None,
+            _ => Some(Some(calibrate(samples))),
+        };
+        let calibrations: Vec<_> = self.samples.iter_mut().map(of_filter).collect::<Option<_>>()?;
+        calibrations.iter().any(Option::is_some).then_some(calibrations)
     }
 }
 
-fn calibrate(samples: &mut Vec<(f32, f32)>) -> Option<FilterCalibration> {
-    if samples.len() < LEAST_SAMPLES {
-        return None;
-    }
-    let quantile = |values: &mut Vec<f32>, share: f64| {
-        let at = ((values.len() - 1) as f64 * share) as usize;
-        f64::from(*values.select_nth_unstable_by(at, f32::total_cmp).1)
-    };
-    let pixels = quantile(&mut samples.iter().map(|s| s.1).collect(), 0.95);
-    samples.retain(|s| s.1 >= LEAST_SHARE * pixels as f32);
+fn quantile(values: &mut [f32], share: f64) -> f32 {
+    let at = ((values.len() - 1) as f64 * share) as usize;
+    *values.select_nth_unstable_by(at, f32::total_cmp).1
+}
+
+fn calibrate(samples: &mut Vec<Sample>) -> FilterCalibration {
+    let pixels = quantile(&mut samples.iter().map(|s| s.pixels).collect::<Vec<_>>(), 0.95);
+    samples.retain(|s| s.pixels >= LEAST_SHARE * pixels);
     // Variance of the sums = n + shared n^2, by the quartiles, which defects do not reach.
-    let mut means: Vec<f32> = samples.iter().map(|s| s.0 / s.1).collect();
+    let mut means: Vec<f32> = samples.iter().map(|s| s.sum / s.pixels).collect();
     let spread = (quantile(&mut means, 0.75) - quantile(&mut means, 0.25)) / 1.349;
-    let typical = quantile(&mut samples.iter().map(|s| s.1).collect(), 0.5);
+    let typical = quantile(&mut samples.iter().map(|s| s.pixels).collect::<Vec<_>>(), 0.5);
     let shared = (spread * spread - 1.0 / typical).max(0.0);
-    let mut calibration = FilterCalibration { shared, pixels, one_in_100: 0.0, one_in_1000: 0.0 };
-    let mut z: Vec<f32> = samples.iter().map(|s| calibration.normalised(s.0, s.1)).collect();
-    calibration.one_in_100 = quantile(&mut z, 0.99);
-    calibration.one_in_1000 = quantile(&mut z, 0.999);
-    Some(calibration)
+    let z = |s: &Sample| normalised(s.sum, s.pixels, shared);
+    let regions = region_levels(samples, z);
+    let of_region = |s: &Sample| {
+        let level = regions[usize::from(s.region)];
+        (z(s) - level.middle) / level.upward
+    };
+    let mut rises: Vec<f32> = samples.iter().map(of_region).collect();
+    let (one_in_100, one_in_1000) = (quantile(&mut rises, 0.99), quantile(&mut rises, 0.999));
+    FilterCalibration {
+        shared: shared.into(),
+        pixels: pixels.into(),
+        one_in_100: one_in_100.into(),
+        one_in_1000: one_in_1000.into(),
+        regions,
+    }
+}
+
+/// Region normalisation (eq. 21-22) of what filters find: where the rope is seen obliquely or registered poorly, intact rope
+/// varies more, and by more than single pixels tell, because their errors go together.
+fn region_levels(samples: &[Sample], z: impl Fn(&Sample) -> f32) -> Vec<RegionLevel> {
+    let level = |z: &mut [f32]| {
+        let middle = quantile(z, 0.5);
+        RegionLevel { middle, upward: (quantile(z, 0.9) - middle).max(0.05) }
+    };
+    let mut of_region: Vec<Vec<f32>> = vec![Vec::new(); REGIONS];
+    samples.iter().for_each(|s| of_region[usize::from(s.region)].push(z(s)));
+    let common = level(&mut samples.iter().map(&z).collect::<Vec<_>>());
+    let mixed = |z: &mut Vec<f32>| {
+        if z.is_empty() {
+            return common;
+        }
+        let own = level(z);
+        let share = z.len() as f32 / (z.len() as f32 + COMMON_SAMPLES);
+        let mix = |own: f32, common: f32| common + share * (own - common);
+        RegionLevel { middle: mix(own.middle, common.middle), upward: mix(own.upward, common.upward) }
+    };
+    of_region.iter_mut().map(mixed).collect()
 }
 
 /// Scores of a stretch in one view.
@@ -117,7 +184,7 @@ pub struct StretchScores {
 
 /// Scores the evidence of a stretch, one entry a factor, under all filters: the rarest finding counts,
 /// supported by what other factors find at the same place.
-pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> StretchScores {
+pub fn score(factors: &[(Evidence, &[Option<FilterCalibration>])], pitch_mm: f64) -> StretchScores {
     let Some((first, _)) = factors.first() else {
         return StretchScores {
             cells: Vec::new(),
@@ -133,9 +200,9 @@ pub fn score(factors: &[(Evidence, &[FilterCalibration])], pitch_mm: f64) -> Str
     let mut support = vec![0.0f32; cells.len()];
     for (evidence, calibration) in factors {
         let mut factor = vec![UNJUDGED; cells.len()];
-        evidence.filtered(pitch_mm, |filter, first, sums, pixels| {
-            if let Some(calibration) = calibration.get(filter) {
-                calibration.raise(&mut factor[first..first + row], sums, pixels);
+        evidence.filtered(pitch_mm, |filter, first, filtered| {
+            if let Some(Some(calibration)) = calibration.get(filter) {
+                calibration.raise(&mut factor[first..first + row], filtered);
             }
         });
         for ((cell, support), score) in cells.iter_mut().zip(&mut support).zip(factor) {
@@ -170,16 +237,18 @@ const USUAL: f32 = 1.0;
 const OTHER_VIEW_SHARE: f32 = 0.95;
 
 /// Blocks to either side that a block's score is settled with.
-const SETTLING_BLOCKS: usize = 6;
+const SETTLING_BLOCKS: usize = 10;
+/// Share of that mean in the settled score.
+const SETTLING_SHARE: f32 = 0.7;
 
-/// Half of every score, half of the mean about it: the highest of many places jumps from block to block by chance, defects last.
+/// A part of every score, the rest of the mean about it: the highest of many places jumps from block to block by chance, defects last.
 fn settled(blocks: &[f32]) -> Vec<f32> {
     let around = |k: usize| {
         let near = &blocks[k.saturating_sub(SETTLING_BLOCKS)..(k + SETTLING_BLOCKS + 1).min(blocks.len())];
         let (sum, n) = near.iter().filter(|s| s.is_finite()).fold((0.0, 0.0), |(s, n), b| (s + b, n + 1.0));
         sum / n
     };
-    blocks.iter().enumerate().map(|(k, &score)| (score + around(k)) / 2.0).collect()
+    blocks.iter().enumerate().map(|(k, &score)| score + SETTLING_SHARE * (around(k) - score)).collect()
 }
 
 impl StretchScores {

@@ -35,6 +35,8 @@ pub struct ViewStretch {
     pub contours: Contours,
     /// The contours without what wires add to the outline, as far as this is known.
     pub outline: Contours,
+    /// Contours of the lines before and after the stretch, as far as they are known: the axis goes on there.
+    pub beyond: [Contours; 2],
     /// Column of the rope axis at every line.
     pub axis_px: Vec<f32>,
 }
@@ -184,7 +186,7 @@ impl ViewStretch {
         ContourView { contours: &self.contours, model: &model.contour, angle_rad: model.camera.angle_rad }
     }
 
-    /// Sets the axis from the contours (eq. 10), averaged over one period of the outline.
+    /// Sets the axis from the contours (eq. 10), smoothed over periods of the outline.
     pub fn set_axis(&mut self, model: &ViewModel, rope: &Rope, reference: &Reference) {
         self.outline = match &model.detail {
             Some(detail) => detail.taken_out(rope, model.camera.angle_rad, &self.contours, |line, strands, wires| {
@@ -194,15 +196,18 @@ impl ViewStretch {
             None => self.contours.clone(),
         };
         let period_mm = TAU / reference.rate_rad_per_mm.abs() / rope.strands() as f64;
-        let smooth_lines = (period_mm / reference.pitch_mm).round().max(8.0) as usize;
-        self.axis_px = axis_course_px(
-            &self.outline,
+        let period_lines = (period_mm / reference.pitch_mm).round().max(8.0) as usize;
+        let [before, after] = &self.beyond;
+        let first = before.len() as f64;
+        let course = axis_course_px(
+            &Contours::joined([before, &self.outline, after]),
             |k| {
-                let phase = model.camera.phase_in_view(reference.mean_phase_rad(k as f64));
+                let phase = model.camera.phase_in_view(reference.mean_phase_rad(k as f64 - first));
                 (model.contour.lower_px(phase), model.contour.upper_px(phase))
             },
-            smooth_lines,
+            period_lines,
         );
+        self.axis_px = course[before.len()..before.len() + self.outline.len()].to_vec();
     }
 
     /// True if the view shows the rope here.

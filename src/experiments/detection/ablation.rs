@@ -7,7 +7,6 @@ use super::figures;
 use super::judged::Judged;
 use super::rope::Trained;
 use crate::pipeline::model_file::Model;
-use crate::vision::scoring::FilterCalibration;
 
 /// A simpler configuration: its name, factors that are kept (the gray value is the first), filters that are kept.
 pub(super) struct Variant {
@@ -25,9 +24,6 @@ pub(super) const VARIANTS: [Variant; 2] = [
 /// What ours is called beside them.
 const OURS: &str = "all factors, all filters";
 
-/// A filter whose sums are never remarkable; finite, because models are stored as JSON.
-const SILENT: FilterCalibration = FilterCalibration { shared: 0.0, pixels: 0.0, one_in_100: 1e9, one_in_1000: 1e9 };
-
 impl Variant {
     fn of(&self, model: &Model) -> Model {
         let mut model = model.clone();
@@ -36,7 +32,7 @@ impl Variant {
             for factor in &mut view.factors {
                 for (n, calibration) in factor.calibration.iter_mut().enumerate() {
                     if self.only_filter.is_some_and(|only| only != n) {
-                        *calibration = SILENT;
+                        *calibration = None; // as if it were never asked
                     }
                 }
             }
