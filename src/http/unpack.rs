@@ -142,7 +142,7 @@ async fn try_unpack(app: &App, archive: &Archive) -> Result<(), Problem> {
     let room = Room::take(app, archive.id, contents.bytes).await?;
     let unpacking = Unpacking { app: app.clone(), archive: archive.clone(), sensor_px: file.sensor_px, room };
     tokio::task::spawn_blocking(move || unpacking.run(&path, &contents)).await.map_err(Problem::failure)??;
-    match app.store.complete_acquisition(archive.id, None).await? {
+    match app.store.complete_acquisition(archive.id, None, app.now_ms()).await? {
         Completion::Complete => Ok(()),
         other => Err(Problem::failure(format!("an unpacked archive is not complete: {other:?}"))),
     }
