@@ -33,6 +33,7 @@ pub mod pictures;
 pub mod previews;
 pub mod problem;
 pub mod provisional;
+mod raw_dump;
 pub mod receipts;
 pub mod rope_windows;
 pub mod ropes;

@@ -44,6 +44,14 @@ pub(super) struct Seen {
     scores: Vec<f32>,
 }
 
+/// Lines of previews that are suspicious.
+struct Place {
+    from: usize,
+    to: usize,
+    value: f64,
+    reason: String,
+}
+
 impl Run<'_> {
     /// Waits for all previews and looks at them.
     pub fn look(&self) -> Result<Seen, PipelineError> {
@@ -92,33 +100,30 @@ impl Seen {
     /// Which frames are wanted before the others.
     pub fn suspicions(&self, previews: &[Preview]) -> Vec<Suspicion> {
         let places = self.suspicious_places();
-        let peak = |p: &Preview| {
+        let peaks: Vec<f32> = previews.iter().map(|p| self.peak(&lines(p))).collect();
+        let mut sorted = peaks.clone();
+        sorted.sort_by(|a, b| b.total_cmp(a));
+        let sooner = (sorted.len() as f64 * SUSPICIOUS_SHARE).ceil() as usize;
+        let least = sorted.get(sooner.saturating_sub(1)).copied().unwrap_or(f32::INFINITY);
+        let suspicion = |(p, &peak): (&Preview, &f32)| {
             let lines = lines(p);
-            self.scores.get(lines.start..lines.end.min(self.scores.len())).unwrap_or_default().iter().fold(0.0, max)
-        };
-        let mut peaks: Vec<f32> = previews.iter().map(peak).collect();
-        let mut judged = Vec::new();
-        for (p, &peak) in previews.iter().zip(&peaks) {
-            let lines = lines(p);
-            let here = places.iter().filter(|(from, to, ..)| *from < lines.end && lines.start < *to);
-            let worst = here.max_by(|a, b| a.2.total_cmp(&b.2));
-            judged.push((p, peak, worst));
-        }
-        peaks.sort_by(|a, b| b.total_cmp(a));
-        let sooner = (peaks.len() as f64 * SUSPICIOUS_SHARE).ceil() as usize;
-        let least = peaks.get(sooner.saturating_sub(1)).copied().unwrap_or(f32::INFINITY);
-        let suspicion = |(p, peak, worst): (&Preview, f32, Option<&(usize, usize, f64, String)>)| {
             let by_look =
                 (peak > 0.0 && peak >= least).then(|| (f64::from(peak), "it looks unlike the rest".to_owned()));
-            let by_lay = worst.map(|(_, _, value, reason)| (*value, reason.clone()));
-            let (value, reason) = [by_look, by_lay].into_iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0))?;
+            let here = places.iter().filter(|place| place.from < lines.end && lines.start < place.to);
+            let by_lay = here.map(|place| (place.value, place.reason.clone()));
+            let (value, reason) = by_look.into_iter().chain(by_lay).max_by(|a, b| a.0.total_cmp(&b.0))?;
             Some(Suspicion { view: p.view, frame: p.frame, value, reason })
         };
-        judged.into_iter().filter_map(suspicion).collect()
+        previews.iter().zip(&peaks).filter_map(suspicion).collect()
     }
 
-    /// First line, end, suspicion and reason of stretches that were not aligned, or whose lay lengths are unusual.
-    fn suspicious_places(&self) -> Vec<(usize, usize, f64, String)> {
+    fn peak(&self, lines: &std::ops::Range<usize>) -> f32 {
+        let lines = lines.start..lines.end.min(self.scores.len());
+        self.scores.get(lines).unwrap_or_default().iter().copied().fold(0.0, f32::max)
+    }
+
+    /// Stretches that were not aligned, or whose lay lengths are unusual.
+    fn suspicious_places(&self) -> Vec<Place> {
         let usual_mm = median(self.rows.iter().filter_map(|row| row.strand_lay_mm));
         let usual_wire_mm = median(self.rows.iter().flat_map(|row| &row.wires).filter_map(|wire| wire.lay_mm));
         let mut places = Vec::new();
@@ -126,7 +131,8 @@ impl Seen {
             let (from, to) = (row.first_line, row.last_line + 1);
             let Some(lay_mm) = row.strand_lay_mm else {
                 let reason = row.reason.as_deref().unwrap_or("no reason is known");
-                places.push((from, to, NOT_ALIGNED, format!("it could not be aligned: {reason}")));
+                let reason = format!("it could not be aligned: {reason}");
+                places.push(Place { from, to, value: NOT_ALIGNED, reason });
                 continue;
             };
             let wires = row.wires.iter().filter_map(|w| w.lay_mm).map(|mm| ("wire", mm, usual_wire_mm, WIRE_LAY_JUMP));
@@ -136,7 +142,7 @@ impl Seen {
                 let jump = ((mm - usual_mm) / usual_mm).abs() / limit;
                 if jump > 1.0 {
                     let reason = format!("the {what} lay is {mm:.1} mm here, but {usual_mm:.1} mm elsewhere");
-                    places.push((from, to, jump.min(NOT_ALIGNED), reason));
+                    places.push(Place { from, to, value: jump.min(NOT_ALIGNED), reason });
                 }
             }
         }
@@ -148,10 +154,6 @@ impl Seen {
 fn lines(preview: &Preview) -> std::ops::Range<usize> {
     let first = line_of(preview.first_line.unsigned_abs()) as usize;
     first..first + preview.lines as usize
-}
-
-fn max(so_far: f32, value: &f32) -> f32 {
-    so_far.max(*value)
 }
 
 /// NaN without values.
