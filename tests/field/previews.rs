@@ -102,8 +102,8 @@ fn previews_tell_lay_lengths_before_the_frames_come_and_damage_is_sent_first() {
     // Whole frames: 0.03 to 0.13 mm on such rope. Half a millimetre tells drift and jumps of a lay of 200 mm.
     assert!(error_mm < 0.5, "{error_mm}");
     assert!((covered - METRES).abs() < 0.01 && previews["views"].as_array().unwrap().len() == 2, "{covered}");
-    // By chance it would be a quarter of them.
-    assert!(2 * seen >= damaged.len().min(first), "{seen} of {damaged:?}");
+    // In the order of the rope it would be none of them, and by chance a quarter. Weak damage does not show in previews.
+    assert!(seen * frames.len() > damaged.len() * first, "{seen} of {damaged:?}");
     assert!(frames.iter().take(first).any(|f| f.1 as f64 * FRAME_M >= INTACT_M));
 
     // The next run sends no preview again, and frames in that order.
