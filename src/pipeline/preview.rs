@@ -6,7 +6,7 @@
 use super::Acquisition;
 use std::ops::Range;
 
-/// Camera lines that become one line, and columns that become one column. Measured: with 4, lay lengths are as good as those of
+/// Camera lines that become one line, and columns that become one column. Measured: with 4, lay lengths are nearly as good as those of
 /// whole frames and the files have 3 % of the bytes; with 8 lines, wires are lost.
 pub const REDUCTION: u32 = 4;
 /// Fewest columns of a sensor whose frames can be reduced: with fewer, too little of the wires is left.
