@@ -6,7 +6,8 @@ use std::path::PathBuf;
 
 /// Removes frames that are older than their ropeway keeps them (PUT /ropeways/{id}/storage); may run while the service does.
 ///
-/// Results stay, and so does what is evidence of a defect that is open or confirmed, was never inspected, or is being worked on.
+/// Results stay, and so does what is evidence of a defect that is open or confirmed, was never inspected, or is being worked on. Previews of acquisitions that were never
+/// completed go after the same time.
 #[derive(clap::Args)]
 pub(crate) struct RetentionArgs {
     /// Data folder of the service
@@ -43,9 +44,16 @@ pub(crate) fn run(args: &RetentionArgs) -> anyhow::Result<()> {
                 bytes += one.frame_bytes;
             }
         }
+        let (previews, preview_bytes) = store.remove_overdue_previews(now_ms, args.dry_run).await?;
         store.close().await;
         let verb = if args.dry_run { "would be removed" } else { "were removed" };
         println!("frames of {removed} acquisitions ({:.1} GB) {verb}", bytes as f64 / 1e9);
+        if previews > 0 {
+            println!(
+                "{previews} previews ({:.2} GB) of acquisitions that were never completed {verb}",
+                preview_bytes as f64 / 1e9
+            );
+        }
         Ok(())
     })
 }

@@ -62,6 +62,10 @@ pub(crate) struct UploadArgs {
     /// is whole when its successor exists
     #[arg(long, value_name = "SECONDS", default_value_t = 10, requires = "watch")]
     frame_rests_s: u64,
+    /// Send a reduced form of all frames first (3 % of the bytes): lay lengths and coverage are known when it is there. The frames
+    /// follow in the order in which the service wants them, suspicious metres first
+    #[arg(long, conflicts_with = "watch")]
+    preview_first: bool,
     /// Compress frames without loss before they are sent; pays where the link is slower than about 100 Mbit/s
     #[arg(long)]
     compress: bool,
@@ -101,6 +105,7 @@ pub(crate) fn run(args: UploadArgs) -> anyhow::Result<()> {
         raw_bits: if args.raw_bits == "16" { 16 } else { 8 },
         compress: args.compress,
         receipt: args.receipt.is_some(),
+        preview_first: args.preview_first,
     };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let on_tick = |tick: &_| watcher.tick(tick);

@@ -110,6 +110,9 @@ impl Watcher {
             "complete: {} frames, {} sent now ({mb:.1} MB in {:.1} s)",
             report.frames, report.sent_frames, report.seconds
         );
+        if report.sent_previews > 0 {
+            println!("before them {} previews ({:.1} MB)", report.sent_previews, report.preview_bytes as f64 / 1e6);
+        }
         println!(
             "ropeway     {}\nrope        {}\nacquisition {}",
             report.ropeway_id, report.rope_id, report.acquisition_id
@@ -122,6 +125,9 @@ fn sentence(tick: &Tick) -> String {
     let frames = format!("{}/{} frames (views {})", tick.held, tick.frames, each.join(", "));
     match tick.stage {
         Stage::Announcing => format!("{frames}, reading and announcing"),
+        Stage::Previewing => {
+            format!("{}/{} previews, {:.2} MB/s", tick.previews, tick.frames, tick.mb_per_second)
+        }
         Stage::Watching => format!("{frames}, all sent; waiting for more"),
         Stage::Sending => {
             let left = tick.seconds_left().map(time_left).filter(|words| !words.is_empty());

@@ -2,7 +2,7 @@
 //! runs the job.
 
 use super::extract::Path;
-use super::jobs::Job;
+use super::job::Job;
 use super::problem::ReadProblems;
 use super::{Problem, provisional};
 use crate::app::App;
@@ -94,7 +94,7 @@ impl Watching {
         if row.lease_token != self.run {
             (self.run, self.after_line, self.after_seq) = (row.lease_token, None, 0);
         }
-        if !row.ended() {
+        if provisional::last(&row) {
             self.look_for_findings(&row).await?;
         }
         self.ended = row.ended();

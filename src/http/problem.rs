@@ -123,6 +123,10 @@ kinds! {
     frame_too_large: UNPROCESSABLE_ENTITY, "frame-too-large", "The image is larger than any frame may be";
     /// The image has another width than the sensor.
     frame_wrong_width: UNPROCESSABLE_ENTITY, "frame-wrong-width", "The image is not as wide as the sensor";
+    /// A preview of a frame that nobody announced.
+    frame_not_announced: CONFLICT, "frame-not-announced", "The frame was not announced";
+    /// The image is not the reduced form of its frame.
+    preview_wrong_size: UNPROCESSABLE_ENTITY, "preview-wrong-size", "The image is not as large as a preview of this frame is";
     /// Not a whole gray image.
     frame_unreadable: UNPROCESSABLE_ENTITY, "frame-unreadable", "The body is not a whole gray image";
     /// The model is of another rope.

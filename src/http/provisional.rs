@@ -94,11 +94,22 @@ pub struct ProvisionalQuery {
     after_line: Option<LineNumber>,
 }
 
-/// The job of a path, unless it has ended and so has nothing provisional.
+/// True while what a job has found so far is kept: until it ends, or, where it looked at previews, until frames take their place.
+pub fn last(job: &jobs::Job) -> bool {
+    !job.ended() || job.preview && job.state == "succeeded"
+}
+
+/// The job of a path, unless what it has found so far is gone.
 async fn running(app: &App, id: Uuid) -> Result<jobs::Job, Problem> {
     let job = app.store.job(Id(id)).await?.ok_or_else(|| Problem::no("job", id))?;
-    if !job.ended() {
-        return Ok(job);
+    if last(&job) {
+        let acquisition = app.store.acquisition(job.acquisition_id).await?;
+        if !job.preview || acquisition.is_some_and(|a| !a.complete()) {
+            return Ok(job);
+        }
+        let detail =
+            format!("acquisition {} is complete: what was found in its previews went with them", job.acquisition_id);
+        return Err(Problem::provisional_gone(detail).with("value", job.state));
     }
     let detail = match job.result_id {
         Some(result) if job.kind == "inspect" => format!("job {id} has succeeded: its results are inspection {result}"),

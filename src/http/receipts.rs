@@ -1,6 +1,7 @@
 //! Signed documents: receipts, after which the originals of a recording may be deleted, and certificates of what was inspected.
 
-use super::acquisitions::{self, incomplete};
+use super::acquisitions;
+use super::completion::incomplete;
 use super::extract::Path;
 use super::problem::{ReadProblems, WriteProblems};
 use super::{Problem, inspections, times};

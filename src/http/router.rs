@@ -2,9 +2,10 @@
 
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
 use super::{
-    Problem, acquisitions, defect_card, defects, deliveries, frames, guard, health, history, inspections, job_events,
-    jobs, lay_lengths, line_scores, manifest, models, openapi, pictures, provisional, receipts, rope_windows, ropes,
-    ropeways, surface_alarms, threshold_preview, thresholds, tokens, tus, unpack, webhooks,
+    Problem, acquisitions, completion, defect_card, defects, deliveries, frames, guard, health, history, inspections,
+    job_events, jobs, lay_lengths, line_scores, manifest, models, openapi, pictures, previews, provisional, receipts,
+    rope_windows, ropes, ropeways, surface_alarms, threshold_preview, thresholds, tokens, tus, unpack, wanted,
+    webhooks,
 };
 use crate::app::App;
 use axum::Router;
@@ -33,16 +34,18 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(rope_windows::get_rope_windows))
         .routes(routes!(acquisitions::list_acquisitions))
         .routes(routes!(acquisitions::get_acquisition))
-        .routes(routes!(acquisitions::get_missing));
+        .routes(routes!(completion::get_missing))
+        .routes(routes!(previews::get_previews))
+        .routes(routes!(wanted::get_wanted));
     let uploaders = OpenApiRouter::new()
         .routes(routes!(acquisitions::create_acquisition))
         .routes(routes!(acquisitions::put_acquisition))
         .routes(routes!(acquisitions::delete_acquisition))
-        .routes(routes!(acquisitions::complete_acquisition))
+        .routes(routes!(completion::complete_acquisition))
         .routes(routes!(manifest::post_manifest))
         .routes(routes!(receipts::post_receipt))
         .routes(routes!(unpack::get_archive));
-    let uploads = OpenApiRouter::new().routes(routes!(frames::put_frame));
+    let uploads = OpenApiRouter::new().routes(routes!(frames::put_frame)).routes(routes!(previews::put_preview));
     let readers = OpenApiRouter::new()
         .routes(routes!(frames::get_frame))
         .routes(routes!(jobs::list_jobs))

@@ -1,4 +1,4 @@
-//! tus 1.0 (core, creation, checksum, expiration, termination) for recordings that are one large file. The protocol is its own
+//! tus 1.0 (core, creation, checksum, expiration, termination) for recordings that are one large file: tar, zip or camera dump. The protocol is its own
 //! contract, so these routes are not in `openapi.yaml`; what became of a file is told by `GET /archives/{id}`, which is.
 //!
 //! An offset that was told is durable: bytes are synced before their number is recorded, and recorded before the client hears it.
@@ -6,6 +6,7 @@
 
 use super::arrivals::{Arrival, Arrivals};
 use super::auth::{Caller, OPERATORS, UPLOADERS, authorise};
+use super::raw_dump::RawDump;
 use super::{Problem, space, times, unpack};
 use crate::app::App;
 use crate::store::archives::Archive;
@@ -77,9 +78,15 @@ fn number(headers: &HeaderMap, name: &str) -> Result<u64, Problem> {
 }
 
 /// A value of `Upload-Metadata`.
-fn metadata(text: &str, key: &str) -> Option<String> {
+fn value_of(text: &str, key: &str) -> Option<String> {
     let value = text.split(',').find_map(|pair| pair.trim().strip_prefix(key)?.strip_prefix(' '))?;
     String::from_utf8(BASE64_STANDARD.decode(value.trim()).ok()?).ok()
+}
+
+/// What a file is if its metadata say that it is a camera dump; `None`: it is an archive.
+pub fn raw_dump(metadata: &str, length: u64) -> Result<Option<RawDump>, Problem> {
+    let Some(rope_json) = value_of(metadata, "rope_json") else { return Ok(None) };
+    Ok(Some(RawDump::new(&rope_json, value_of(metadata, "raw_bits").as_deref(), length)?))
 }
 
 async fn create(
@@ -95,7 +102,7 @@ async fn create(
             .limit(length, MAX_BYTES));
     }
     let text = headers.get("upload-metadata").and_then(|v| v.to_str().ok()).unwrap_or_default();
-    let rope = metadata(text, "rope_id").unwrap_or_default();
+    let rope = value_of(text, "rope_id").unwrap_or_default();
     let known = match rope.parse::<Uuid>() {
         Ok(id) => app.store.rope(Id(id)).await?,
         Err(_) => None,
@@ -103,6 +110,7 @@ async fn create(
     let rope = known.ok_or_else(|| {
         Problem::unknown_reference(format!("rope_id in Upload-Metadata is {rope:?}, which is no rope of this service"))
     })?;
+    raw_dump(text, length)?; // said now, and not after hours of sending
     space::fits_on_disk(&app, length.saturating_mul(2))?; // the file, and the frames in it
     let archive = Archive {
         id: app.new_id(),

@@ -5,9 +5,11 @@ use super::archive_entries::{ArchiveError, Contents, contents, each_frame};
 use super::auth::Caller;
 use super::extract::Path;
 use super::problem::ReadProblems;
+use super::raw_dump::RawDump;
 use super::space::Room;
 use super::{Problem, acquisitions, frames, times, tus};
 use crate::app::App;
+use crate::pipeline::acquisition::RopeFile;
 use crate::store::acquisitions::{Completion, NewAcquisition};
 use crate::store::archives::Archive;
 use crate::store::digest::hex;
@@ -51,9 +53,9 @@ pub struct ArchiveState {
     expires_at: String,
 }
 
-/// What became of a recording that was sent as one file (tar or zip) over tus 1.0
+/// What became of a recording that was sent as one file (tar, zip or camera dump) over tus 1.0
 ///
-/// The file itself is sent with a tus client: creation is POST /api/v1/tus, with `rope_id` in Upload-Metadata.
+/// The file itself is sent with a tus client: creation is POST /api/v1/tus, with `rope_id` in Upload-Metadata, and `rope_json` for a dump.
 #[utoipa::path(get, path = "/archives/{id}", tag = "acquisitions", params(("id" = Uuid, Path, description = "The archive")),
     responses((status = 200, description = "Where it stands", body = ArchiveState), ReadProblems))]
 pub async fn get_archive(
@@ -112,11 +114,16 @@ pub async fn unpack(app: App, archive: Archive) {
 
 async fn try_unpack(app: &App, archive: &Archive) -> Result<(), Problem> {
     let path = app.store.archive_path(archive.id);
-    let limit = app.settings.limits.frame_bytes;
-    let reading = path.clone();
-    let contents = tokio::task::spawn_blocking(move || contents(&reading, limit)).await.map_err(Problem::failure)??;
+    let recording = match tus::raw_dump(&archive.metadata, archive.length.unsigned_abs())? {
+        Some(dump) => Recording::Dump(dump),
+        None => {
+            let (reading, limit) = (path.clone(), app.settings.limits.frame_bytes);
+            let read = tokio::task::spawn_blocking(move || contents(&reading, limit));
+            Recording::Folder(read.await.map_err(Problem::failure)??)
+        }
+    };
     let rope = app.store.rope(archive.rope_id).await?.ok_or_else(|| Problem::no("rope", archive.rope_id))?;
-    let file = &contents.rope_file;
+    let file = recording.rope_file();
     let (ours, theirs) = ((rope.design.strands, rope.design.wires_per_strand), (file.strands, file.wires_per_strand));
     if (ours.0 as usize, ours.1 as usize) != theirs {
         return Err(Problem::archive_refused(format!(
@@ -133,18 +140,51 @@ async fn try_unpack(app: &App, archive: &Archive) -> Result<(), Problem> {
         rope_width_px: file.rope_width_px,
         start_m: file.start_m.unwrap_or(0.0),
         acquired_at_ms,
-        views: file.views.iter().zip(&contents.frames).map(|(view, &frames)| (view.angle_deg, Some(frames))).collect(),
+        views: file.views.iter().zip(recording.frames()).map(|(view, frames)| (view.angle_deg, Some(frames))).collect(),
     };
     acquisitions::check(&rope, &new)?;
     if app.store.create_acquisition(&new, app.now_ms()).await? == Created::Different {
         return Err(Problem::id_in_use(format!("acquisition {} exists with other content", archive.id)));
     }
-    let room = Room::take(app, archive.id, contents.bytes).await?;
-    let unpacking = Unpacking { app: app.clone(), archive: archive.clone(), sensor_px: file.sensor_px, room };
-    tokio::task::spawn_blocking(move || unpacking.run(&path, &contents)).await.map_err(Problem::failure)??;
-    match app.store.complete_acquisition(archive.id, None).await? {
+    let room = Room::take(app, archive.id, recording.bytes(archive)).await?;
+    let sensor_px = file.sensor_px;
+    let unpacking = Unpacking { app: app.clone(), archive: archive.clone(), sensor_px, room };
+    tokio::task::spawn_blocking(move || unpacking.run(&path, &recording)).await.map_err(Problem::failure)??;
+    match app.store.complete_acquisition(archive.id, None, app.now_ms()).await? {
         Completion::Complete => Ok(()),
         other => Err(Problem::failure(format!("an unpacked archive is not complete: {other:?}"))),
+    }
+}
+
+/// What came as one file.
+enum Recording {
+    /// A tar or zip file of a folder.
+    Folder(Contents),
+    /// Gray values of cameras.
+    Dump(RawDump),
+}
+
+impl Recording {
+    fn rope_file(&self) -> &RopeFile {
+        match self {
+            Self::Folder(contents) => &contents.rope_file,
+            Self::Dump(dump) => &dump.rope_file,
+        }
+    }
+
+    fn frames(&self) -> Vec<u32> {
+        match self {
+            Self::Folder(contents) => contents.frames.clone(),
+            Self::Dump(dump) => dump.frames(),
+        }
+    }
+
+    /// Bytes that its frames will have, at most.
+    fn bytes(&self, archive: &Archive) -> u64 {
+        match self {
+            Self::Folder(contents) => contents.bytes,
+            Self::Dump(_) => archive.length.unsigned_abs(),
+        }
     }
 }
 
@@ -157,10 +197,14 @@ struct Unpacking {
 }
 
 impl Unpacking {
-    fn run(mut self, path: &std::path::Path, contents: &Contents) -> Result<(), Problem> {
+    fn run(mut self, path: &std::path::Path, recording: &Recording) -> Result<(), Problem> {
         let runtime = Handle::current();
         let limit = self.app.settings.limits.frame_bytes;
-        each_frame(path, contents, limit, |view, number, content| self.keep(&runtime, view, number, content))
+        let keep = |view, number, content: &mut dyn Read| self.keep(&runtime, view, number, content);
+        match recording {
+            Recording::Folder(contents) => each_frame(path, contents, limit, keep),
+            Recording::Dump(dump) => dump.each_frame(path, keep),
+        }
     }
 
     fn keep(&mut self, runtime: &Handle, view: u32, frame: u32, content: &mut dyn Read) -> Result<(), Problem> {

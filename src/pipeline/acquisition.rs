@@ -131,6 +131,8 @@ pub struct Acquisition {
     pub view_angles_rad: Vec<f64>,
     /// Rope metre of line 0.
     pub start_m: f64,
+    /// Lines and columns of the camera that were made one: 1, unless these are previews.
+    pub reduction: u32,
 }
 
 impl RopeFile {
@@ -185,6 +187,7 @@ impl RopeFile {
             rope_width_px: self.rope_width_px,
             view_angles_rad: self.views.iter().map(|v| v.angle_deg.to_radians()).collect(),
             start_m: self.start_m.unwrap_or(0.0),
+            reduction: 1,
         })
     }
 }

@@ -30,7 +30,7 @@ impl Drive<'_> {
     /// The reader for the range.
     pub fn reader(&self) -> Result<StretchReader<'_>, PipelineError> {
         let spec = aligner_spec(self.acquisition);
-        let lines = spec.stretch_lines(STRETCH_LINES);
+        let lines = spec.stretch_lines(STRETCH_LINES / self.acquisition.reduction as usize);
         Ok(StretchReader::new(self.source, spec.width_px, lines, self.range.clone(), self.given_contours)?)
     }
 

@@ -8,6 +8,7 @@ pub mod found;
 pub mod inspect;
 mod maps;
 pub mod model_file;
+pub mod preview;
 pub mod profile;
 pub mod progress;
 pub mod rejudge;

@@ -1,6 +1,7 @@
 //! Acquisitions: what was announced, what is there, what is missing.
 
 use super::manifest::first_lines;
+use super::previews::drop_previews;
 use super::{Created, Id, Page, PageRequest, Store, StoreError, folder};
 use sqlx::SqliteConnection;
 
@@ -253,8 +254,13 @@ impl Store {
     }
 
     /// Closes the acquisition if every view has all its frames. `frames[view]` says how many there are where that was not
-    /// announced before.
-    pub async fn complete_acquisition(&self, id: Id, frames: Option<&[u32]>) -> Result<Completion, StoreError> {
+    /// announced before. Previews go.
+    pub async fn complete_acquisition(
+        &self,
+        id: Id,
+        frames: Option<&[u32]>,
+        now_ms: i64,
+    ) -> Result<Completion, StoreError> {
         let mut tx = self.write().await?;
         let Some(acquisition) = load(&mut tx, id).await? else { return Ok(Completion::Unknown) };
         let mut views = acquisition.views.clone();
@@ -287,21 +293,24 @@ impl Store {
                 .await?;
         }
         sqlx::query("update acquisition set state = 'complete' where id = $1").bind(id).execute(&mut *tx).await?;
+        drop_previews(&mut tx, id, now_ms).await?;
         tx.commit().await?;
         self.arrivals.send_replace(());
+        self.remove_preview_files(id).await?;
         Ok(Completion::Complete)
     }
 
-    /// Deletes an acquisition and its frames, unless jobs refer to it.
+    /// Deletes an acquisition and its frames, unless jobs refer to it. The one that looks at its previews goes with them.
     pub async fn delete_acquisition(&self, id: Id) -> Result<Deletion, StoreError> {
         let mut tx = self.write().await?;
-        let jobs: i64 = sqlx::query_scalar("select count(*) from job where acquisition_id = $1")
+        let jobs: i64 = sqlx::query_scalar("select count(*) from job where acquisition_id = $1 and preview = 0")
             .bind(id)
             .fetch_one(&mut *tx)
             .await?;
         if jobs > 0 {
             return Ok(Deletion::InUse { jobs });
         }
+        sqlx::query("delete from job where acquisition_id = $1 and preview = 1").bind(id).execute(&mut *tx).await?;
         let deleted =
             sqlx::query("delete from acquisition where id = $1").bind(id).execute(&mut *tx).await?.rows_affected();
         tx.commit().await?;
@@ -310,6 +319,7 @@ impl Store {
         }
         // Rows first: files without rows are swept at the next start, rows without files would be a lie.
         folder::remove(&self.folder().acquisition(id))?;
+        self.remove_preview_files(id).await?;
         Ok(Deletion::Deleted)
     }
 }
@@ -357,7 +367,7 @@ async fn missing(
 }
 
 /// Gaps in ascending frame numbers, up to the expected count, or up to the last one present.
-fn gaps(present: &[u32], expected: Option<u32>) -> Vec<(u32, u32)> {
+pub(super) fn gaps(present: &[u32], expected: Option<u32>) -> Vec<(u32, u32)> {
     let mut ranges = Vec::new();
     let mut next = 0;
     for &frame in present {

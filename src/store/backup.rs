@@ -76,6 +76,9 @@ impl Store {
         let rows = sqlx::SqlitePool::connect_with(options).await?;
         // Files that are still arriving are not copied: their clients begin them anew.
         sqlx::query("delete from archive where state in ('receiving', 'unpacking')").execute(&rows).await?;
+        // Nor are previews, which only make a choice among frames, nor the jobs that look at them.
+        sqlx::query("delete from preview").execute(&rows).await?;
+        sqlx::query("delete from job where preview = 1").execute(&rows).await?;
         let frames: Vec<super::frames::Frame> = sqlx::query_as(
             "select f.* from frame f join acquisition a on a.id = f.acquisition_id where a.frames_removed_at_ms is null",
         )

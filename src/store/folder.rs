@@ -3,6 +3,7 @@
 //! ```text
 //! ropescope.db                                      facts
 //! frames/<acquisition>/<view>/<frame>-<sha256>      uploaded frames, as they came
+//! previews/<acquisition>/<view>/<frame>-<sha256>    reduced forms of frames that are still to come
 //! models/<model>                                    appearance models
 //! inspections/<inspection>/                         results folders
 //! uploads/                                          frames on their way in
@@ -41,9 +42,15 @@ impl DataFolder {
     /// Opens the folder and makes what is missing in it.
     pub(super) fn open(path: &Path) -> Result<Self, StoreError> {
         let folder = Self(path.into());
-        for part in
-            [folder.frames(), folder.models(), folder.inspections(), folder.uploads(), folder.archives(), folder.work()]
-        {
+        for part in [
+            folder.frames(),
+            folder.previews(),
+            folder.models(),
+            folder.inspections(),
+            folder.uploads(),
+            folder.archives(),
+            folder.work(),
+        ] {
             make_folder(&part)?;
         }
         make_folder(&folder.instances())?;
@@ -57,6 +64,10 @@ impl DataFolder {
 
     pub(super) fn frames(&self) -> PathBuf {
         self.0.join("frames")
+    }
+
+    pub(super) fn previews(&self) -> PathBuf {
+        self.0.join("previews")
     }
 
     pub(super) fn models(&self) -> PathBuf {
@@ -104,6 +115,16 @@ impl DataFolder {
     /// File of a frame. The digest in its name keeps two uploads that race for one number apart.
     pub fn frame(&self, acquisition: Id, view: u32, frame: u32, sha256_hex: &str) -> PathBuf {
         self.acquisition(acquisition).join(view.to_string()).join(format!("{frame:06}-{sha256_hex}"))
+    }
+
+    /// Folder of the previews of an acquisition.
+    pub(super) fn previews_of(&self, acquisition: Id) -> PathBuf {
+        self.previews().join(acquisition.to_string())
+    }
+
+    /// File of a preview, named as frames are.
+    pub fn preview(&self, acquisition: Id, view: u32, frame: u32, sha256_hex: &str) -> PathBuf {
+        self.previews_of(acquisition).join(view.to_string()).join(format!("{frame:06}-{sha256_hex}"))
     }
 
     /// File of a model.

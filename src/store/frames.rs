@@ -207,7 +207,7 @@ impl Store {
         Ok(FrameStored::New(frame))
     }
 
-    /// Removes what a killed process left behind: uploads that never ended, frames without a row, and, if no other process
+    /// Removes what a killed process left behind: uploads that never ended, frames and previews without a row, and, if no other process
     /// works on the folder, results without a row. Returns how many files and folders went.
     pub async fn sweep(&self, alone: bool) -> Result<usize, StoreError> {
         let mut orphans = folder::entries(&self.folder().uploads())?;
@@ -217,21 +217,23 @@ impl Store {
                 .await?;
         let without_row = |path: &std::path::PathBuf| !archives.iter().any(|id| path.ends_with(id));
         orphans.extend(folder::entries(&self.folder().archives())?.into_iter().filter(without_row));
-        for acquisition in folder::entries(&self.folder().frames())? {
-            let name = acquisition.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_owned();
-            let known: std::collections::HashSet<(u32, u32, String)> = sqlx::query_as(
+        for (root, rows) in [
+            (
+                self.folder().frames(),
                 "select f.view, f.frame, f.sha256 from frame f join acquisition a on a.id = f.acquisition_id
-                     where a.id = $1 and a.frames_removed_at_ms is null",
-            )
-            .bind(&name)
-            .fetch_all(self.reader())
-            .await?
-            .into_iter()
-            .collect();
-            for view in folder::entries(&acquisition)? {
-                for file in folder::entries(&view)? {
-                    if !frame_of(&file).is_some_and(|key| known.contains(&key)) {
-                        orphans.push(file);
+                 where a.id = $1 and a.frames_removed_at_ms is null",
+            ),
+            (self.folder().previews(), "select view, frame, sha256 from preview where acquisition_id = $1"),
+        ] {
+            for acquisition in folder::entries(&root)? {
+                let name = acquisition.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_owned();
+                let known: std::collections::HashSet<(u32, u32, String)> =
+                    sqlx::query_as(rows).bind(&name).fetch_all(self.reader()).await?.into_iter().collect();
+                for view in folder::entries(&acquisition)? {
+                    for file in folder::entries(&view)? {
+                        if !frame_of(&file).is_some_and(|key| known.contains(&key)) {
+                            orphans.push(file);
+                        }
                     }
                 }
             }

@@ -6,7 +6,7 @@ use super::{Id, Page, PageRequest, Store, StoreError, model_thresholds};
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
 #[expect(
     missing_docs,
-    reason = "migrations/0003_jobs_and_tokens.sql, 0006_thresholds.sql and 0020_live.sql say what each column means"
+    reason = "migrations/0003_jobs_and_tokens.sql, 0006_thresholds.sql, 0020_live.sql and 0030_previews.sql say what each column means"
 )]
 pub struct Job {
     pub seq: i64,
@@ -38,6 +38,7 @@ pub struct Job {
     pub finished_at_ms: Option<i64>,
     pub live: bool,
     pub waiting_for: Option<String>,
+    pub preview: bool,
 }
 
 impl Job {

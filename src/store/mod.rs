@@ -19,6 +19,7 @@ pub mod manifest;
 pub mod model_thresholds;
 pub mod models;
 pub mod outbox;
+pub mod previews;
 pub mod provisional;
 pub mod receipts;
 pub mod retention;
@@ -28,6 +29,7 @@ pub mod ropes;
 pub mod ropeways;
 pub mod tokens;
 pub mod verification;
+pub mod wanted;
 pub mod webhook_endpoints;
 
 pub use folder::DataFolder;

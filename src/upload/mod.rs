@@ -2,20 +2,25 @@
 //!
 //! `plan` reads the folder and chooses ids, `packing` brings frames into the stored form, `journal` remembers digests, `client`
 //! speaks HTTP and keeps trying, `pace` and `lanes` fit it to the link, `place` finds ropeway and rope, `transfer` announces, sends
-//! and completes, `watch` does so while the recording grows, `receipt` waits
-//! until the originals may be deleted. Ids are derived from names and content, so a rerun finds what an
+//! and completes (`entries` one by one, `missing` after them, `previews` and `reducing` before), `watch` does so while the recording grows, `receipt`
+//! waits until the originals may be deleted. Ids are derived from names and content, so a rerun finds what an
 //! earlier run began and sends only the rest.
 
 pub mod client;
+mod client_error;
+mod entries;
 pub mod ids;
 pub mod journal;
 pub mod lanes;
+mod missing;
 pub mod pace;
 pub mod packing;
 pub mod place;
 pub mod plan;
+mod previews;
 pub mod progress;
 pub mod receipt;
+pub mod reducing;
 pub mod transfer;
 pub mod watch;
 

@@ -42,7 +42,7 @@ impl Packing {
     /// Reads and packs a file.
     pub fn pack(self, path: &Path) -> Result<Packed, PlanError> {
         let content = std::fs::read(path).map_err(|source| PlanError::Read { path: path.into(), source })?;
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        let extension = extension(path);
         let unreadable = |reason: String| PlanError::Frame { path: path.into(), reason };
         let stored = match extension.as_str() {
             "png" => Some("image/png"),
@@ -58,19 +58,25 @@ impl Packing {
                 .map_err(|e| unreadable(e.to_string()))?;
             return Ok(Packed { bytes: content.into(), content_type, lines });
         }
-        let image = match extension.as_str() {
-            "raw" => self.dump(&content).map_err(unreadable)?,
-            _ => reader(&content)
-                .map_err(|e| unreadable(e.to_string()))?
-                .decode()
-                .map_err(|e| unreadable(e.to_string()))?,
-        };
-        let gray = gray(image).map_err(unreadable)?;
+        let gray = self.gray(&extension, &content).map_err(unreadable)?;
         let png = self.png(&gray).map_err(|e| unreadable(e.to_string()))?;
         let lines = gray.height();
         Ok(match stored {
             Some(content_type) if content.len() <= png.len() => Packed { bytes: content.into(), content_type, lines },
             _ => Packed { bytes: png.into(), content_type: "image/png", lines },
+        })
+    }
+
+    /// Reads a file as gray values.
+    pub fn read(self, path: &Path) -> Result<DynamicImage, PlanError> {
+        let content = std::fs::read(path).map_err(|source| PlanError::Read { path: path.into(), source })?;
+        self.gray(&extension(path), &content).map_err(|reason| PlanError::Frame { path: path.into(), reason })
+    }
+
+    fn gray(self, extension: &str, content: &[u8]) -> Result<DynamicImage, String> {
+        gray(match extension {
+            "raw" => self.dump(content)?,
+            _ => reader(content).map_err(|e| e.to_string())?.decode().map_err(|e| e.to_string())?,
         })
     }
 
@@ -100,6 +106,10 @@ impl Packing {
         image.write_with_encoder(PngEncoder::new_with_quality(&mut bytes, compression, FilterType::Adaptive))?;
         Ok(bytes)
     }
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
 fn reader(content: &[u8]) -> std::io::Result<ImageReader<Cursor<&[u8]>>> {

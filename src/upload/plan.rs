@@ -3,6 +3,7 @@
 use super::ids::derived;
 use super::packing::EXTENSIONS;
 use crate::pipeline::acquisition::{self, AcquisitionError, RopeFile};
+use crate::pipeline::preview::LEAST_SENSOR_PX;
 use crate::store::digest::hex;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -36,6 +37,14 @@ pub enum PlanError {
         path: PathBuf,
         /// What is wrong with it.
         reason: String,
+    },
+    /// Too few columns for previews.
+    #[error(
+        "frames of {sensor_px} columns have no previews, only those of {LEAST_SENSOR_PX} or more: run it without --preview-first"
+    )]
+    TooNarrow {
+        /// Columns of the frames.
+        sensor_px: u32,
     },
     /// A frame could not be read.
     #[error("cannot read {path}: {source}")]

@@ -12,6 +12,8 @@ const RECENT: Duration = Duration::from_secs(30);
 pub enum Stage {
     /// Frames are read, and the service is told what will come.
     Announcing,
+    /// Reduced forms of the frames are sent, before the frames.
+    Previewing,
     /// Frames are sent.
     Sending,
     /// Everything that is there was sent; the recording may still grow.
@@ -38,9 +40,11 @@ pub struct Tick {
     pub held: usize,
     /// The same for each view.
     pub views: Vec<ViewTick>,
-    /// Bytes that this run has to send, as far as it is known.
+    /// Previews that the service holds, if they were asked for.
+    pub previews: usize,
+    /// Bytes of frames that this run has to send, as far as it is known.
     pub bytes: u64,
-    /// Bytes that this run has sent and the service has acknowledged.
+    /// Bytes of frames that this run has sent and the service has acknowledged.
     pub sent_bytes: u64,
     /// Seconds since the run began.
     pub seconds: f64,
@@ -63,6 +67,9 @@ pub struct Counter {
     begun: Instant,
     stage: Stage,
     views: Vec<ViewTick>,
+    previews: usize,
+    sent_previews: usize,
+    preview_bytes: u64,
     bytes: u64,
     sent_bytes: u64,
     recent: VecDeque<(Instant, u64)>,
@@ -75,6 +82,9 @@ impl Counter {
             begun: Instant::now(),
             stage: Stage::Announcing,
             views: vec![ViewTick::default(); views],
+            previews: 0,
+            sent_previews: 0,
+            preview_bytes: 0,
             bytes: 0,
             sent_bytes: 0,
             recent: VecDeque::new(),
@@ -109,7 +119,27 @@ impl Counter {
         }
     }
 
-    /// Bytes that were sent.
+    /// The service holds a preview, which took `bytes` just now (0: it held it before).
+    pub fn previewed(&mut self, bytes: u64) {
+        self.previews += 1;
+        if bytes > 0 {
+            self.sent_previews += 1;
+            self.preview_bytes += bytes;
+            self.recent.push_back((Instant::now(), bytes));
+        }
+    }
+
+    /// Previews that were sent.
+    pub fn sent_previews(&self) -> usize {
+        self.sent_previews
+    }
+
+    /// Their bytes.
+    pub fn preview_bytes(&self) -> u64 {
+        self.preview_bytes
+    }
+
+    /// Bytes of frames that were sent.
     pub fn sent_bytes(&self) -> u64 {
         self.sent_bytes
     }
@@ -130,6 +160,7 @@ impl Counter {
             frames: self.views.iter().map(|v| v.frames).sum(),
             held: self.views.iter().map(|v| v.held).sum(),
             views: self.views.clone(),
+            previews: self.previews,
             bytes: self.bytes,
             sent_bytes: self.sent_bytes,
             seconds: self.seconds(),

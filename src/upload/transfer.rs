@@ -1,24 +1,21 @@
 //! Brings the frames of a plan to a service: announces all of them, sends what the service does not hold, completes.
 
 use super::client::{Client, ClientError};
-use super::journal::{Digested, Journal};
+use super::entries::{Entry, digests, in_turn, manifest_path, send_frame};
+use super::journal::Journal;
 use super::lanes::Lanes;
-use super::packing::{Packed, Packing};
+use super::packing::Packing;
 use super::place;
 use super::plan::{Plan, PlanError, PlannedFrame};
 use super::progress::{Counter, Stage, Tick};
-use crate::store::digest::hex;
-use base64::Engine;
 use futures::StreamExt;
-use reqwest::Method;
 use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 use uuid::Uuid;
 
 /// Frames that are announced in one request.
-const ANNOUNCED_AT_ONCE: usize = 500;
+pub(super) const ANNOUNCED_AT_ONCE: usize = 500;
 /// How often the list of missing frames is asked for anew when a completion was refused: another client may be sending, and
 /// frames may be found damaged.
 const ROUNDS: u32 = 20;
@@ -36,11 +33,13 @@ pub struct Options {
     pub compress: bool,
     /// Wait for the receipt.
     pub receipt: bool,
+    /// Send a reduced form of all frames first, then the frames in the order in which the service wants them.
+    pub preview_first: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { connections: 8, raw_bits: 8, compress: false, receipt: false }
+        Self { connections: 8, raw_bits: 8, compress: false, receipt: false, preview_first: false }
     }
 }
 
@@ -57,8 +56,12 @@ pub struct Report {
     pub frames: usize,
     /// Frames that this run sent; the service held the others.
     pub sent_frames: usize,
-    /// Bytes that this run sent.
+    /// Bytes of these.
     pub sent_bytes: u64,
+    /// Previews that this run sent before the frames.
+    pub sent_previews: usize,
+    /// Bytes of these.
+    pub preview_bytes: u64,
     /// Seconds of the run.
     pub seconds: f64,
     /// The receipt, if it was asked for.
@@ -100,42 +103,25 @@ pub enum UploadError {
     },
 }
 
-/// View, number, file and how it is sent.
-struct Entry {
-    view: usize,
-    number: usize,
-    frame: PlannedFrame,
-    digested: Digested,
-}
-
-impl Entry {
-    /// The frame as a manifest names it.
-    fn announcement(&self) -> Value {
-        let d = &self.digested;
-        json!({"view": self.view, "frame": self.number, "sha256": d.sha256, "bytes": d.bytes, "lines": d.lines})
-    }
-}
-
-fn manifest_path(acquisition_id: Uuid) -> String {
-    format!("/acquisitions/{acquisition_id}/manifest")
-}
-
 /// An upload that is under way.
 pub struct Transfer<F> {
-    client: Client,
-    packing: Packing,
-    lanes: Lanes,
-    connections: usize,
+    pub(super) client: Client,
+    pub(super) packing: Packing,
+    pub(super) lanes: Lanes,
+    pub(super) connections: usize,
     wants_receipt: bool,
+    preview_first: bool,
     ropeway_id: Uuid,
     rope_id: Uuid,
     /// The acquisition.
     pub acquisition_id: Uuid,
     journal: Journal,
     held: BTreeSet<(usize, usize)>,
+    /// Camera lines of every frame that was announced.
+    pub(super) lines: BTreeMap<(usize, usize), u32>,
     sent_frames: usize,
-    counter: Counter,
-    on_tick: F,
+    pub(super) counter: Counter,
+    pub(super) on_tick: F,
 }
 
 /// Uploads a whole recording. `on_tick` is called when it begins and after every frame.
@@ -174,11 +160,13 @@ impl<F: Fn(&Tick)> Transfer<F> {
             lanes,
             connections: options.connections.max(1),
             wants_receipt: options.receipt,
+            preview_first: options.preview_first,
             ropeway_id,
             rope_id,
             acquisition_id,
             journal,
             held: BTreeSet::new(),
+            lines: BTreeMap::new(),
             sent_frames: 0,
             counter: Counter::begin(plan.frames.len()),
             on_tick,
@@ -192,6 +180,12 @@ impl<F: Fn(&Tick)> Transfer<F> {
         let mut wanted = Vec::new();
         for batch in in_turn(plan, &self.held).chunks(ANNOUNCED_AT_ONCE) {
             wanted.extend(self.announce(batch).await?);
+        }
+        if self.preview_first && !wanted.is_empty() {
+            self.enter(Stage::Previewing);
+            self.send_previews(plan).await?;
+            self.enter(Stage::Sending);
+            return self.send_as_wanted(wanted).await;
         }
         self.enter(Stage::Sending);
         self.send(wanted).await
@@ -227,6 +221,8 @@ impl<F: Fn(&Tick)> Transfer<F> {
             frames: plan.frame_count(),
             sent_frames: self.sent_frames,
             sent_bytes: self.counter.sent_bytes(),
+            sent_previews: self.counter.sent_previews(),
+            preview_bytes: self.counter.preview_bytes(),
             seconds: self.counter.seconds(),
             receipt,
         })
@@ -241,19 +237,20 @@ impl<F: Fn(&Tick)> Transfer<F> {
         self.tick();
     }
 
-    fn tick(&mut self) {
+    pub(super) fn tick(&mut self) {
         (self.on_tick)(&self.counter.tick(self.lanes.allowed()));
     }
 
     /// Announces frames and returns those that have to be sent.
-    async fn announce(&mut self, batch: &[(usize, usize, PlannedFrame)]) -> Result<Vec<Entry>, UploadError> {
-        let mut entries = self.digests(batch).await?;
+    pub(super) async fn announce(&mut self, batch: &[(usize, usize, PlannedFrame)]) -> Result<Vec<Entry>, UploadError> {
+        let mut entries = digests(&mut self.journal, self.packing, batch).await?;
         let frames: Vec<Value> = entries.iter().map(Entry::announcement).collect();
         let answer = self.client.post(&manifest_path(self.acquisition_id), &json!({"frames": frames})).await?;
         let asked = answer["to_send"].as_array().map(Vec::as_slice).unwrap_or_default();
         let number = |value: &Value| value.as_u64().unwrap_or(u64::MAX) as usize;
         let asked: BTreeSet<(usize, usize)> = asked.iter().map(|f| (number(&f["view"]), number(&f["frame"]))).collect();
         for entry in &entries {
+            self.lines.insert((entry.view, entry.number), entry.digested.lines);
             if !asked.contains(&(entry.view, entry.number)) && self.held.insert((entry.view, entry.number)) {
                 self.counter.held(entry.view, 0);
             }
@@ -264,44 +261,8 @@ impl<F: Fn(&Tick)> Transfer<F> {
         Ok(entries)
     }
 
-    /// Digests of frames: from the journal, else computed on all cores.
-    async fn digests(&mut self, batch: &[(usize, usize, PlannedFrame)]) -> Result<Vec<Entry>, UploadError> {
-        let (packing, name) = (self.packing, self.packing.name());
-        let work = batch.iter().cloned().map(|(view, number, frame)| {
-            let known = self.journal.digested(view, number, frame.bytes, frame.modified_ms, &name).cloned();
-            let name = name.clone();
-            async move {
-                let digested = match known {
-                    Some(digested) => digested,
-                    None => {
-                        let packed = pack(packing, &frame).await?;
-                        Digested {
-                            source_bytes: frame.bytes,
-                            modified_ms: frame.modified_ms,
-                            packing: name,
-                            sha256: hex(&Sha256::digest(&packed.bytes)),
-                            bytes: packed.bytes.len() as u64,
-                            lines: packed.lines,
-                        }
-                    }
-                };
-                Ok::<_, UploadError>(Entry { view, number, frame, digested })
-            }
-        });
-        let cores = std::thread::available_parallelism().map_or(2, usize::from);
-        let entries: Vec<_> = futures::stream::iter(work.collect::<Vec<_>>()).buffered(cores).collect().await;
-        let entries = entries.into_iter().collect::<Result<Vec<_>, _>>()?;
-        for e in &entries {
-            let d = &e.digested;
-            if self.journal.digested(e.view, e.number, d.source_bytes, d.modified_ms, &name).is_none() {
-                self.journal.keep(e.view, e.number, d.clone());
-            }
-        }
-        Ok(entries)
-    }
-
     /// Sends frames over as many lanes as the link bears.
-    async fn send(&mut self, entries: Vec<Entry>) -> Result<(), UploadError> {
+    pub(super) async fn send(&mut self, entries: Vec<Entry>) -> Result<(), UploadError> {
         let (client, lanes, packing, id) = (self.client.clone(), self.lanes.clone(), self.packing, self.acquisition_id);
         let mut answers = futures::stream::iter(entries)
             .map(|entry| {
@@ -328,77 +289,5 @@ impl<F: Fn(&Tick)> Transfer<F> {
             }
         }
         Ok(())
-    }
-
-    /// Sends what the service names as missing or damaged.
-    pub(super) async fn send_missing(&mut self, plan: &Plan) -> Result<(), UploadError> {
-        let path = format!("/acquisitions/{}/missing", self.acquisition_id);
-        let answer = self.client.get(&path).await?;
-        let bad = |reason: &str| ClientError::Answer { what: format!("GET {path}"), reason: reason.into() };
-        let mut frames = Vec::new();
-        for entry in answer["views"].as_array().ok_or_else(|| bad("no views"))? {
-            let view = entry["view"].as_u64().ok_or_else(|| bad("a view without number"))? as usize;
-            let mut numbers = Vec::new();
-            for range in entry["missing"].as_array().ok_or_else(|| bad("a view without missing ranges"))? {
-                let (Some(from), Some(to)) = (range[0].as_u64(), range[1].as_u64()) else {
-                    return Err(bad("a range is not two numbers").into());
-                };
-                numbers.extend(from as usize..=to as usize);
-            }
-            let damaged = entry["damaged"].as_array().map(Vec::as_slice).unwrap_or_default();
-            numbers.extend(damaged.iter().filter_map(Value::as_u64).map(|n| n as usize));
-            for number in numbers {
-                let frame = plan.frames.get(view).and_then(|v| v.get(number));
-                let frame = frame.ok_or(UploadError::UnknownFrame { view, frame: number })?;
-                frames.push((view, number, frame.clone()));
-            }
-        }
-        for batch in frames.chunks(ANNOUNCED_AT_ONCE) {
-            let wanted = self.announce(batch).await?;
-            self.send(wanted).await?;
-        }
-        Ok(())
-    }
-}
-
-/// Frames that are not held, all views side by side: the rope is whole as far as it was sent.
-fn in_turn(plan: &Plan, held: &BTreeSet<(usize, usize)>) -> Vec<(usize, usize, PlannedFrame)> {
-    let longest = plan.frames.iter().map(Vec::len).max().unwrap_or(0);
-    let places = (0..longest).flat_map(|number| (0..plan.frames.len()).map(move |view| (view, number)));
-    places
-        .filter(|place| !held.contains(place))
-        .filter_map(|(view, number)| Some((view, number, plan.frames[view].get(number)?.clone())))
-        .collect()
-}
-
-async fn pack(packing: Packing, frame: &PlannedFrame) -> Result<Packed, UploadError> {
-    let path = frame.path.clone();
-    let packed = tokio::task::spawn_blocking(move || packing.pack(&path)).await;
-    let died = |e: tokio::task::JoinError| PlanError::Frame { path: frame.path.clone(), reason: e.to_string() };
-    Ok(packed.map_err(died)??)
-}
-
-/// Sends one frame with its digest. Returns its length, or `None` when another request is bringing the same frame.
-async fn send_frame(
-    client: &Client,
-    packing: Packing,
-    acquisition_id: Uuid,
-    entry: &Entry,
-) -> Result<Option<u64>, UploadError> {
-    let packed = pack(packing, &entry.frame).await?;
-    let digest = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(&packed.bytes));
-    let headers = [("repr-digest", format!("sha-256=:{digest}:")), ("content-type", packed.content_type.to_owned())];
-    let length = packed.bytes.len() as u64;
-    let path = format!("/acquisitions/{acquisition_id}/views/{}/frames/{}", entry.view, entry.number);
-    // A frame may have arrived although its answer was lost: asking costs less than sending it again.
-    let manifest = json!({"frames": [entry.announcement()]});
-    let arrived = async || {
-        let answer = client.try_post(&manifest_path(acquisition_id), &manifest).await;
-        answer.is_some_and(|answer| answer["to_send"].as_array().is_some_and(Vec::is_empty))
-    };
-    match client.send_unless(Method::PUT, &path, &headers, packed.bytes, arrived).await {
-        Ok(_) => Ok(Some(length)),
-        Err(error) if error.is_problem("superseded") => Ok(None),
-        Err(error) => Err(error.into()),
     }
 }

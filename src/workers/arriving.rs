@@ -1,13 +1,14 @@
-//! The frames of an acquisition that is still open: a job on it waits for every frame until it was acknowledged.
+//! The frames of an acquisition that is still open, or their previews: a job on it waits for every one until it was acknowledged.
 
 use super::watch::Watch;
 use crate::app::App;
 use crate::pipeline::source::Frame;
-use crate::pipeline::{FrameFiles, FrameSource, Progress, SourceError};
+use crate::pipeline::{FrameFiles, FrameSource, Progress, SourceError, preview};
 use crate::store::acquisitions::Acquisition;
 use crate::store::jobs::Job;
 use crate::store::leases::WaitingFor;
 use crate::store::{Id, StoreError};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 use tokio::runtime::Handle;
@@ -22,10 +23,18 @@ const REST: Duration = Duration::from_millis(20);
 const AT_ONCE: u32 = 256;
 const MS_PER_HOUR: f64 = 3_600_000.0;
 
+/// What is awaited.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Awaited {
+    Frames,
+    Previews,
+}
+
 /// Frames that are there, and those that will be. Waits on the thread that computes; never on an async one.
 pub(super) struct ArrivingFrames {
     app: App,
     acquisition: Id,
+    awaited: Awaited,
     watch: Arc<Watch>,
     runtime: Handle,
     files: RwLock<FrameFiles>,
@@ -42,17 +51,42 @@ struct Life {
 impl ArrivingFrames {
     /// The frames of an acquisition, for a job that waits for those that are not there.
     pub async fn new(app: &App, acquisition: &Acquisition, job: &Job, watch: &Arc<Watch>) -> Result<Self, StoreError> {
-        let id = acquisition.row.id;
-        let last_ms = app.store.last_arrival_ms(id).await?.unwrap_or(job.created_at_ms);
-        Ok(Self {
+        let last_ms = app.store.last_arrival_ms(acquisition.row.id).await?;
+        Ok(Self::of(app, acquisition, Awaited::Frames, acquisition.row.sensor_px, last_ms, job, watch))
+    }
+
+    /// The previews of an acquisition, for the job that looks at them.
+    pub async fn previews(
+        app: &App,
+        acquisition: &Acquisition,
+        job: &Job,
+        watch: &Arc<Watch>,
+    ) -> Result<Self, StoreError> {
+        let last_ms = app.store.last_preview_ms(acquisition.row.id).await?;
+        let columns = preview::columns_of(acquisition.row.sensor_px);
+        Ok(Self::of(app, acquisition, Awaited::Previews, columns, last_ms, job, watch))
+    }
+
+    fn of(
+        app: &App,
+        acquisition: &Acquisition,
+        awaited: Awaited,
+        columns: u32,
+        last_ms: Option<i64>,
+        job: &Job,
+        watch: &Arc<Watch>,
+    ) -> Self {
+        let seen_ms = last_ms.unwrap_or(job.created_at_ms).max(job.created_at_ms);
+        Self {
             app: app.clone(),
-            acquisition: id,
+            acquisition: acquisition.row.id,
+            awaited,
             watch: watch.clone(),
             runtime: Handle::current(),
-            files: RwLock::new(FrameFiles::new(acquisition.row.sensor_px, vec![Vec::new(); acquisition.views.len()])),
+            files: RwLock::new(FrameFiles::new(columns, vec![Vec::new(); acquisition.views.len()])),
             arrivals: Mutex::new(app.store.arrivals()),
-            life: Mutex::new(Life { frames: -1, seen_ms: last_ms.max(job.created_at_ms) }),
-        })
+            life: Mutex::new(Life { frames: -1, seen_ms }),
+        }
     }
 
     fn files(&self) -> std::sync::RwLockReadGuard<'_, FrameFiles> {
@@ -61,21 +95,42 @@ impl ArrivingFrames {
 
     /// Takes up what has arrived of a view. True when no more can come.
     async fn look(&self, view: usize) -> Result<bool, StoreError> {
-        // The state first: what a complete acquisition lacks never comes.
-        let (complete, frames) = self.app.store.arrived(self.acquisition).await?;
         let from = self.files().frames(view) as u32;
-        let new = self.app.store.frames_from(self.acquisition, view as u32, from, AT_ONCE, complete).await?;
-        let whole = complete && new.len() < AT_ONCE as usize;
+        let (whole, arrived, new) = match self.awaited {
+            Awaited::Frames => self.new_frames(view as u32, from).await?,
+            Awaited::Previews => self.new_previews(view as u32, from).await?,
+        };
         let mut files = self.files.write().unwrap_or_else(PoisonError::into_inner);
-        for frame in new {
-            files.push(view, self.app.store.folder().frame(self.acquisition, frame.view, frame.frame, &frame.sha256));
+        for path in new {
+            files.push(view, path);
         }
         let mut life = self.life.lock().unwrap_or_else(PoisonError::into_inner);
-        if life.frames >= 0 && frames != life.frames {
+        if life.frames >= 0 && arrived != life.frames {
             life.seen_ms = self.app.now_ms();
         }
-        life.frames = frames;
+        life.frames = arrived;
         Ok(whole)
+    }
+
+    /// Whether these are the last frames of the view, how many of all views are there, and where the new ones lie.
+    async fn new_frames(&self, view: u32, from: u32) -> Result<(bool, i64, Vec<PathBuf>), StoreError> {
+        let (store, id) = (&self.app.store, self.acquisition);
+        // The state first: what a complete acquisition lacks never comes.
+        let (complete, arrived) = store.arrived(id).await?;
+        let new = store.frames_from(id, view, from, AT_ONCE, complete).await?;
+        let whole = complete && new.len() < AT_ONCE as usize;
+        let paths = new.into_iter().map(|f| store.folder().frame(id, f.view, f.frame, &f.sha256)).collect();
+        Ok((whole, arrived, paths))
+    }
+
+    /// The same of previews, which end where frames will.
+    async fn new_previews(&self, view: u32, from: u32) -> Result<(bool, i64, Vec<PathBuf>), StoreError> {
+        let (store, id) = (&self.app.store, self.acquisition);
+        let (expected, arrived) = store.previews_arrived(id, view).await?;
+        let new = store.previews_from(id, view, from, AT_ONCE).await?;
+        let whole = expected.is_some_and(|expected| from + new.len() as u32 >= expected);
+        let paths = new.into_iter().map(|p| store.folder().preview(id, p.view, p.frame, &p.sha256)).collect();
+        Ok((whole, arrived, paths))
     }
 
     fn quiet_ms(&self) -> i64 {

@@ -6,6 +6,7 @@
 mod arriving;
 pub mod engine;
 mod failure;
+mod preview;
 pub mod results_folder;
 mod run;
 mod watch;

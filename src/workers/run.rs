@@ -3,6 +3,7 @@
 use super::arriving::ArrivingFrames;
 use super::engine::Engine;
 use super::failure::Failure;
+use super::preview;
 use super::results_folder;
 use super::watch::{Stop, Watch};
 use crate::app::App;
@@ -13,10 +14,12 @@ use crate::store::jobs::Job;
 use crate::store::leases::Lease;
 use crate::store::model_thresholds::ModelThreshold;
 use crate::store::models::NewModel;
+use crate::store::previews::Suspicion;
 use crate::store::{Id, StoreError, digest, folder};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use tokio::runtime::Handle;
 
 /// How an attempt ended.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,8 +47,16 @@ struct Input {
 
 /// What the CPU made, in place and durable, not yet recorded.
 enum Output {
-    Model { model: NewModel, path: PathBuf },
-    Inspection { inspection: Box<NewInspection>, path: PathBuf },
+    Model {
+        model: NewModel,
+        path: PathBuf,
+    },
+    Inspection {
+        inspection: Box<NewInspection>,
+        path: PathBuf,
+    },
+    /// Which frames are wanted first: nothing that lasts.
+    Previewed(Vec<Suspicion>),
 }
 
 /// Why an attempt has no output.
@@ -133,7 +144,9 @@ async fn gather(app: &App, job: &Job, watch: &Arc<Watch>) -> Result<Input, NoOut
         (Some(model), Some(version)) => app.store.model_threshold(model, version).await?,
         _ => None,
     };
-    let frames: Box<dyn FrameSource> = if acquisition.complete() {
+    let frames: Box<dyn FrameSource> = if job.preview {
+        Box::new(ArrivingFrames::previews(app, &acquisition, job, watch).await?)
+    } else if acquisition.complete() {
         Box::new(app.store.frame_files(&acquisition).await?)
     } else {
         Box::new(ArrivingFrames::new(app, &acquisition, job, watch).await?)
@@ -153,6 +166,12 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
         PipelineError::Cancelled => NoOutput::Stopped,
         error => NoOutput::Failed(Failure::of_pipeline(&error, &app.settings.data)),
     };
+    if job.preview {
+        let run = preview::Run { engine, acquisition: &input.acquisition, frames: &*input.frames, work: &work, watch };
+        let seen = run.look().map_err(pipeline)?;
+        let previews = Handle::current().block_on(app.store.previews(job.acquisition_id))?;
+        return Ok(Output::Previewed(seen.suspicions(&previews)));
+    }
     let id = app.new_id();
     if job.kind == "train" {
         let options = TrainOptions { from_m: job.from_m, to_m: job.to_m };
@@ -212,6 +231,9 @@ async fn settle(app: &App, job: &Job, output: Output) -> Result<Lease, StoreErro
             let lease = app.store.settle_inspected(job.id, job.lease_token, &inspection, now_ms).await?;
             app.outbox_wake.notify_one();
             (lease, path)
+        }
+        Output::Previewed(suspicions) => {
+            return app.store.settle_previewed(job.id, job.lease_token, &suspicions, now_ms).await;
         }
     };
     if lease == Lease::Lost {

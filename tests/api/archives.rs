@@ -239,3 +239,51 @@ async fn an_upload_belongs_to_its_token_expires_and_can_be_terminated() {
     laptop.send(delete).await.ok_status(204);
     assert_eq!(head(&laptop, &place).await.status, 404);
 }
+
+/// Begins a camera dump.
+async fn begin_dump(caller: &Caller, rope: &str, rope_json: &[u8], raw_bits: &str, length: usize) -> Answer {
+    let pairs = [("rope_id", rope.as_bytes()), ("rope_json", rope_json), ("raw_bits", raw_bits.as_bytes())];
+    let metadata: Vec<String> = pairs.iter().map(|(k, v)| format!("{k} {}", BASE64_STANDARD.encode(v))).collect();
+    let request = caller.request("POST", "tus").header("tus-resumable", "1.0.0").header("upload-length", length);
+    caller.send(request.header("upload-metadata", metadata.join(","))).await
+}
+
+#[tokio::test]
+async fn a_camera_dump_with_its_geometry_is_cut_into_frames_without_loss() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let mut file: Value = serde_json::from_slice(&rope_json()).unwrap();
+    file["views"] = json!([{ "folder": "a", "angle_deg": 0.0 }, { "folder": "b", "angle_deg": 90.0 }]);
+    let file = file.to_string().into_bytes();
+    for (bits, bytes) in [("8", 1), ("16", 2)] {
+        // 2,100 lines of each view: a whole frame and a rest.
+        let dump: Vec<u8> = (0..2 * 2100 * SENSOR_PX as usize * bytes).map(|i| (i * 7 + i / 911) as u8).collect();
+        let begun = begin_dump(&app.admin, &rope, &file, bits, dump.len()).await;
+        begun.ok_status(201);
+        let place = begun.header("location").to_owned();
+        app.admin.send(chunk(&app.admin, &place, 0, &dump)).await.ok_status(204);
+        let archive = settled(&app.admin, &place).await;
+        assert_eq!(archive["state"], "unpacked", "{archive}");
+        let id = archive["acquisition_id"].as_str().unwrap();
+        let acquisition = app.admin.get(&format!("acquisitions/{id}")).await.ok(200);
+        assert_eq!((&acquisition["state"], &acquisition["frames_present"]), (&json!("complete"), &json!(4)));
+        let mut back = Vec::new();
+        for (view, frame) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let png = app.admin.get(&format!("acquisitions/{id}/views/{view}/frames/{frame}")).await.bytes;
+            let image = image::load_from_memory(&png).unwrap();
+            match image {
+                image::DynamicImage::ImageLuma8(gray) => back.extend(gray.into_raw()),
+                other => back.extend(other.to_luma16().into_raw().iter().flat_map(|g| g.to_le_bytes())),
+            }
+        }
+        assert!(back == dump, "{bits} bit");
+    }
+    for (json, bits, length, said) in [
+        (&file[..], "8", 2 * SENSOR_PX as usize + 1, "whole number of lines"),
+        (&file[..], "12", 2 * SENSOR_PX as usize, "must be 8 or 16"),
+        (b"{}", "8", 2 * SENSOR_PX as usize, "rope_json in Upload-Metadata is not valid"),
+    ] {
+        let refused = begin_dump(&app.admin, &rope, json, bits, length).await.problem(422, "archive-refused");
+        assert!(refused["detail"].as_str().unwrap().contains(said), "before the first byte is sent: {refused}");
+    }
+}

@@ -1,7 +1,8 @@
 //! The card that says why a defect is one, from a real training and inspection.
 
 use crate::helpers::new_id;
-use crate::process::{Process, caller, simulated, token, upload};
+use crate::process::{Process, token};
+use crate::simulated::{caller, simulated, upload};
 use ropescope::drawing::heat;
 use ropescope::simulate::Recipe;
 use serde_json::json;
@@ -12,7 +13,7 @@ async fn a_card_shows_a_defect_with_what_intact_rope_would_look_like() {
     let folder = simulated(&Recipe { metres: 1.6, view_angles_deg: vec![0.0], ..defects });
     let data = tempfile::tempdir().unwrap();
     let token = token(data.path());
-    let process = Process::start(data.path());
+    let process = Process::serve(data.path(), 0, &[]);
     let admin = caller(&process, &token);
     let acquisition = upload(&admin, folder.path()).await;
     let train = json!({ "kind": "train", "acquisition_id": acquisition, "to_m": 1.0 });

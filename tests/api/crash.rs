@@ -1,7 +1,8 @@
 //! The real program, killed without warning.
 
 use crate::helpers::{Caller, SENSOR_PX, png, png_of};
-use crate::process::{Process, caller, simulated, token, upload};
+use crate::process::{Process, token};
+use crate::simulated::{caller, simulated, upload};
 use ropescope::simulate::Recipe;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -14,7 +15,7 @@ use std::time::Duration;
 async fn every_acknowledged_frame_survives_kill_9() {
     let data = tempfile::tempdir().unwrap();
     let token = token(data.path());
-    let mut process = Process::start(data.path());
+    let mut process = Process::serve(data.path(), 0, &[]);
     let admin = caller(&process, &token);
     let rope = admin.rope().await;
     let id = admin.acquisition(&rope, &[Some(400)]).await;
@@ -49,7 +50,7 @@ async fn every_acknowledged_frame_survives_kill_9() {
     let acknowledged = acknowledged.lock().unwrap().clone();
     assert!((60..400).contains(&acknowledged.len()), "{}", acknowledged.len());
 
-    let process = Process::start(data.path());
+    let process = Process::serve(data.path(), 0, &[]);
     let admin = caller(&process, &token);
     for n in &acknowledged {
         let back = admin.get(&format!("acquisitions/{id}/views/0/frames/{n}")).await;
@@ -73,7 +74,7 @@ async fn every_acknowledged_frame_survives_kill_9() {
 async fn the_service_says_where_it_listens_and_goes_down_in_order() {
     let data = tempfile::tempdir().unwrap();
     let token = token(data.path());
-    let mut process = Process::start(data.path());
+    let mut process = Process::serve(data.path(), 0, &[]);
     let admin = caller(&process, &token);
     let id = admin.acquisition(&admin.rope().await, &[Some(1)]).await;
     admin.put_frame(&id, 0, 0, png(0)).await.ok(201);
@@ -92,7 +93,7 @@ fn recipe() -> Recipe {
 /// the service that was started anew, and both jobs at their ends: undisturbed and disturbed.
 async fn run_undisturbed_and_killed(folder: &Path, data: &Path, kind: &str) -> (Process, Caller, [Value; 2]) {
     let token = token(data);
-    let mut process = Process::start(data);
+    let mut process = Process::serve(data, 0, &[]);
     let admin = caller(&process, &token);
     let body = json!({ "kind": kind, "acquisition_id": upload(&admin, folder).await });
     let undisturbed = admin.run(body.clone()).await;
@@ -103,7 +104,7 @@ async fn run_undisturbed_and_killed(folder: &Path, data: &Path, kind: &str) -> (
     assert_eq!(admin.get(&format!("jobs/{id}")).await.ok(200)["state"], "running", "killed too late to prove anything");
     process.kill();
 
-    let process = Process::start(data);
+    let process = Process::serve(data, 0, &[]);
     let admin = caller(&process, &token);
     let disturbed = admin.ended(&id).await;
     assert_eq!(disturbed["state"], "succeeded", "{disturbed}");

@@ -75,7 +75,7 @@ impl Queue {
             damaged_at_ms: None,
         };
         store.keep_frame(&upload, frame).await.unwrap();
-        store.complete_acquisition(acquisition, None).await.unwrap();
+        store.complete_acquisition(acquisition, None, 1).await.unwrap();
         Self { store, clock, acquisition, _data: data }
     }
 

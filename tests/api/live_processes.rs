@@ -1,7 +1,8 @@
 //! The real program inspects rope that is still arriving: the end is that of an undisturbed run, byte for byte.
 
 use crate::helpers::Caller;
-use crate::process::{Process, caller, complete, frames, open, rope_of, simulated, token, upload};
+use crate::process::{Process, token};
+use crate::simulated::{caller, complete, frames, open, rope_of, simulated, upload};
 use ropescope::simulate::Recipe;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -65,7 +66,7 @@ async fn frames_sent_one_at_a_time_with_a_gap_give_results_on_the_way_and_the_sa
     };
     let (folder, data) = (simulated(&recipe), tempfile::tempdir().unwrap());
     let token = token(data.path());
-    let process = Process::start(data.path());
+    let process = Process::serve(data.path(), 0, &[]);
     let admin = caller(&process, &token);
     let whole = upload(&admin, folder.path()).await;
     let rope = admin.get(&format!("acquisitions/{whole}")).await.ok(200)["rope_id"].clone();
@@ -117,8 +118,8 @@ async fn a_live_job_killed_with_its_worker_process_begins_anew_in_the_next_and_e
     let (folder, data) = (simulated(&recipe), tempfile::tempdir().unwrap());
     let token = token(data.path());
     // Frames are taken by one process and inspected by another, which cannot hear of them but by looking.
-    let process = Process::start_without_workers(data.path());
-    let mut worker = Process::start_worker(data.path());
+    let process = Process::serve(data.path(), 0, &["--no-workers"]);
+    let mut worker = Process::begin(&["worker"], data.path());
     let admin = caller(&process, &token);
     let whole = upload(&admin, folder.path()).await;
     let undisturbed = admin.run(json!({ "kind": "inspect", "acquisition_id": whole })).await;
@@ -133,7 +134,7 @@ async fn a_live_job_killed_with_its_worker_process_begins_anew_in_the_next_and_e
     }
     rows(&admin, &job, 5).await;
     worker.kill();
-    let _worker = Process::start_worker(data.path());
+    let _worker = Process::begin(&["worker"], data.path());
     for _ in 0..2400 {
         if admin.get(&format!("jobs/{job}/provisional-lay-lengths")).await.ok(200)["run"] == 2 {
             break;

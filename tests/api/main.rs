@@ -15,10 +15,13 @@ mod leases;
 mod live;
 mod live_processes;
 mod manifests;
+mod previews;
+#[path = "../shared/process.rs"]
 mod process;
 mod receipts;
 mod results;
 mod retention;
 mod ropes;
+mod simulated;
 mod surface_alarms;
 mod thresholds;

@@ -36,6 +36,10 @@ checks.positive_data_acceptance.expected-statuses = ["2xx", 400, 401, 403, 404, 
 include-name = "PUT /api/v1/acquisitions/{id}/views/{view}/frames/{frame}"
 checks.positive_data_acceptance.expected-statuses = ["2xx", "3xx", 400, 401, 403, 404, 409, 413, 415, 422]
 
+[[operations]]
+include-name = "PUT /api/v1/acquisitions/{id}/views/{view}/previews/{frame}"
+checks.positive_data_acceptance.expected-statuses = ["2xx", "3xx", 400, 401, 403, 404, 409, 413, 415, 422]
+
 # What is provisional goes when its job ends.
 [[operations]]
 include-path-regex = "^/api/v1/jobs/[^/]+/provisional-(lay-lengths|defects)$"

@@ -1,7 +1,8 @@
 //! A recording as one file, over a service that is killed while it receives and while it unpacks.
 
-use crate::processes::{Server, free_port, token};
+use crate::process::{Process, token};
 use crate::recording::{assert_stored, get, recording};
+use crate::uploader::free_port;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use rand::{Rng, SeedableRng};
@@ -57,7 +58,7 @@ async fn an_archive_goes_on_where_the_killed_service_had_it_and_is_unpacked_afte
     let bytes = tar_of(source.path());
     let token = token(data.path());
     let port = free_port();
-    let mut server = Server::start(data.path(), port, &[]);
+    let mut server = Process::serve(data.path(), port, &[]);
     let tus = Tus { client: reqwest::Client::builder().no_proxy().build().unwrap(), token: token.clone() };
     let rope = rope(&tus, &server.base).await;
     let begun = tus
@@ -83,7 +84,7 @@ async fn an_archive_goes_on_where_the_killed_service_had_it_and_is_unpacked_afte
             tokio::time::sleep(Duration::from_millis(rng.random_range(0..12))).await;
             server.kill();
             kills += 1;
-            server = Server::start(data.path(), port, &[]);
+            server = Process::serve(data.path(), port, &[]);
         }
         if let Ok(answer) = sending.await.unwrap() {
             assert_eq!(answer.status(), 204);
@@ -94,7 +95,7 @@ async fn an_archive_goes_on_where_the_killed_service_had_it_and_is_unpacked_afte
     for _ in 0..3 {
         tokio::time::sleep(Duration::from_millis(rng.random_range(5..60))).await;
         server.kill();
-        server = Server::start(data.path(), port, &[]);
+        server = Process::serve(data.path(), port, &[]);
     }
     let base = server.base.clone();
     let settled = tokio::task::spawn_blocking(move || {

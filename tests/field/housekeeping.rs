@@ -1,7 +1,8 @@
 //! Backup, restore and scrub as processes beside a service that is in use.
 
-use crate::processes::{PROGRAM, Server, Uploader, free_port, token};
+use crate::process::{PROGRAM, Process, token};
 use crate::recording::{assert_stored, get, recording};
+use crate::uploader::{Uploader, free_port};
 use std::path::Path;
 use std::process::{Command, Output};
 use std::time::Duration;
@@ -28,7 +29,7 @@ fn a_backup_made_during_an_upload_comes_back_consistent_and_the_upload_goes_on_t
     let (backup, restored) = (copies.path().join("backup"), copies.path().join("restored"));
     recording(source.path(), FRAMES, 60);
     let token = token(data.path());
-    let mut server = Server::start(data.path(), free_port(), &[]);
+    let mut server = Process::serve(data.path(), free_port(), &[]);
     let mut uploader = Uploader::start(source.path(), &server.base, &token, &["--limit-mbit", "4"]);
     while uploader.held() < 20 {
         assert!(uploader.running());
@@ -47,7 +48,7 @@ fn a_backup_made_during_an_upload_comes_back_consistent_and_the_upload_goes_on_t
     assert!(back.status.success(), "{}", text(&back));
     let again = run("restore", &[("--from", &backup), ("--data", &restored)]);
     assert!(!again.status.success() && text(&again).contains("is not empty"), "{}", text(&again));
-    let server = Server::start(&restored, free_port(), &[]);
+    let server = Process::serve(&restored, free_port(), &[]);
     let report = Uploader::start(source.path(), &server.base, &token, &[]).report(WITHIN);
     assert_eq!(report["sent_frames"], 0);
     assert_stored(&restored, report["acquisition_id"].as_str().unwrap(), source.path(), FRAMES);
@@ -58,7 +59,7 @@ fn scrub_finds_what_rotted_and_the_next_upload_heals_it() {
     let [data, source] = [0; 2].map(|_| tempfile::tempdir().unwrap());
     recording(source.path(), 4, 60);
     let token = token(data.path());
-    let server = Server::start(data.path(), free_port(), &[]);
+    let server = Process::serve(data.path(), free_port(), &[]);
     let report = Uploader::start(source.path(), &server.base, &token, &[]).report(WITHIN);
     let id = report["acquisition_id"].as_str().unwrap();
     let scrub = || run("scrub", &[("--data", data.path())]);

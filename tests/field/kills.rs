@@ -1,7 +1,8 @@
 //! Service and client killed without warning at random moments.
 
-use crate::processes::{PROGRAM, Server, Uploader, free_port, token};
+use crate::process::{PROGRAM, Process, token};
 use crate::recording::{assert_stored, get, post, recording, repeated_frames, write_frame};
+use crate::uploader::{Uploader, free_port};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::json;
@@ -12,7 +13,7 @@ use std::time::{Duration, Instant};
 const WITHIN: Duration = Duration::from_secs(300);
 
 /// The one acquisition of a service, if it has one.
-fn acquisition(server: &Server, token: &str) -> Option<serde_json::Value> {
+fn acquisition(server: &Process, token: &str) -> Option<serde_json::Value> {
     get(&server.base, token, "acquisitions")["items"].as_array().unwrap().first().cloned()
 }
 
@@ -28,7 +29,7 @@ fn kill_the_service(kills: usize, frames_a_view: usize) {
     recording(source.path(), frames_a_view, 60);
     let token = token(data.path());
     let port = free_port();
-    let mut server = Server::start(data.path(), port, &[]);
+    let mut server = Process::serve(data.path(), port, &[]);
     let base = server.base.clone();
     let start = |more: &[&str]| Uploader::start(source.path(), &base, &token, more);
     let mut uploader = start(&["--limit-mbit", "4"]);
@@ -36,7 +37,7 @@ fn kill_the_service(kills: usize, frames_a_view: usize) {
         std::thread::sleep(Duration::from_millis(rng.random_range(20..400)));
         server.kill();
         let acknowledged = uploader.held();
-        server = Server::start(data.path(), port, &[]);
+        server = Process::serve(data.path(), port, &[]);
         assert_eq!(std::fs::read_dir(data.path().join("uploads")).unwrap().count(), 0, "kill {kill}");
         let present = acquisition(&server, &token).map_or(0, |a| a["frames_present"].as_u64().unwrap());
         assert!(present >= acknowledged, "kill {kill}: {acknowledged} frames were acknowledged, {present} are there");
@@ -74,7 +75,7 @@ fn full_no_job_is_lost_or_doubled_when_its_service_is_killed() {
     assert!(Command::new(PROGRAM).args(simulate).arg(&rope).output().unwrap().status.success());
     let token = token(data.path());
     let port = free_port();
-    let mut server = Server::start(data.path(), port, &[]);
+    let mut server = Process::serve(data.path(), port, &[]);
     let uploaded = Uploader::start(&rope, &server.base, &token, &[]).report(WITHIN);
     let job = json!({"kind": "inspect", "acquisition_id": uploaded["acquisition_id"]});
     for number in 0..JOBS {
@@ -82,7 +83,7 @@ fn full_no_job_is_lost_or_doubled_when_its_service_is_killed() {
         for _ in 0..2 {
             std::thread::sleep(Duration::from_millis(rng.random_range(0..1500)));
             server.kill();
-            server = Server::start(data.path(), port, &[]);
+            server = Process::serve(data.path(), port, &[]);
         }
         let begun = Instant::now();
         let ended = loop {
@@ -110,7 +111,7 @@ fn kill_the_client(kills: usize, frames_a_view: usize) {
     let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     recording(source.path(), frames_a_view, 60);
     let token = token(data.path());
-    let server = Server::start(data.path(), free_port(), &[]);
+    let server = Process::serve(data.path(), free_port(), &[]);
     let start = || Uploader::start(source.path(), &server.base, &token, &["--limit-mbit", "8"]);
     for _ in 0..kills {
         let mut uploader = start();
@@ -141,7 +142,7 @@ fn a_receipt_says_that_these_originals_may_be_deleted_and_no_others() {
     let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     recording(source.path(), 5, 60);
     let token = token(data.path());
-    let server = Server::start(data.path(), free_port(), &[]);
+    let server = Process::serve(data.path(), free_port(), &[]);
     let receipt = source.path().join("receipt.json");
     let uploaded =
         Uploader::start(source.path(), &server.base, &token, &["--receipt", receipt.to_str().unwrap()]).report(WITHIN);
@@ -165,7 +166,7 @@ fn two_clients_that_send_one_acquisition_make_one_set_of_frames() {
     let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     recording(source.path(), 60, 100);
     let token = token(data.path());
-    let server = Server::start(data.path(), free_port(), &[]);
+    let server = Process::serve(data.path(), free_port(), &[]);
     let mut both = [0; 2].map(|_| Uploader::start(source.path(), &server.base, &token, &["--limit-mbit", "16"]));
     let reports = both.each_mut().map(|uploader| uploader.report(WITHIN));
     assert_eq!(reports[0]["acquisition_id"], reports[1]["acquisition_id"]);
@@ -177,7 +178,7 @@ fn a_recording_that_grows_is_sent_as_it_grows_and_completed_when_it_rests() {
     let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     recording(source.path(), 0, 60);
     let token = token(data.path());
-    let server = Server::start(data.path(), free_port(), &[]);
+    let server = Process::serve(data.path(), free_port(), &[]);
     let watching = ["--watch", "--rests-s", "4", "--frame-rests-s", "1"];
     let mut uploader = Uploader::start(source.path(), &server.base, &token, &watching);
     for frame in 0..8 {

@@ -1,8 +1,9 @@
 //! One upload over a link that is thin and far, and whose connections are cut, reset and stalled.
 
-use crate::processes::{Server, Uploader, free_port, token};
+use crate::process::{Process, token};
 use crate::proxy::{Link, Proxy, Trouble};
 use crate::recording::{assert_stored, bytes, get, recording, repeated_frames};
+use crate::uploader::{Uploader, free_port};
 use std::time::Duration;
 
 /// 20 Mbit/s.
@@ -23,7 +24,7 @@ fn troubled_upload(figures: &Figures) {
     recording(source.path(), figures.frames_a_view, figures.lines);
     let all = bytes(source.path(), figures.frames_a_view);
     let token = token(data.path());
-    let server = Server::start(data.path(), free_port(), &[]);
+    let server = Process::serve(data.path(), free_port(), &[]);
     let link = Link { bytes_per_second: BYTES_PER_SECOND, delay: figures.delay };
     let mut proxy = Proxy::start(&server.base, link, 7);
     let silence = figures.silence_s.to_string();

@@ -9,6 +9,9 @@ mod disk;
 mod housekeeping;
 mod kills;
 mod link;
-mod processes;
+mod previews;
+#[path = "../shared/process.rs"]
+mod process;
 mod proxy;
 mod recording;
+mod uploader;

@@ -1,72 +1,10 @@
-//! The real program as a process of its own, and simulated rope for it.
+//! Simulated rope for tests with the real program.
 
 use crate::helpers::{Caller, rope};
+use crate::process::Process;
 use ropescope::simulate::{Recipe, Scene, write_acquisition};
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_ropescope");
-
-/// `ropescope serve` or `worker` as a process of its own, killed when dropped.
-pub struct Process {
-    pub child: Child,
-    base: String,
-}
-
-impl Process {
-    /// Starts it, and waits until it listens.
-    pub fn start(data: &Path) -> Self {
-        Self::begin(&["serve", "--listen", "127.0.0.1:0"], data)
-    }
-
-    fn begin(command: &[&str], data: &Path) -> Self {
-        let mut child = Command::new(PROGRAM)
-            .args(command)
-            .arg("--data")
-            .arg(data)
-            .env("RUST_LOG", "warn")
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let said = line.trim().strip_prefix("listening on ").or(line.trim().strip_prefix("working on "));
-        let base = said.unwrap_or_else(|| panic!("{line:?}")).to_owned();
-        Self { child, base }
-    }
-
-    /// Starts `ropescope worker` beside a service on the same folder, and waits until it works.
-    pub fn start_worker(data: &Path) -> Self {
-        Self::begin(&["worker"], data)
-    }
-
-    /// Starts a service that runs no jobs.
-    pub fn start_without_workers(data: &Path) -> Self {
-        Self::begin(&["serve", "--no-workers", "--listen", "127.0.0.1:0"], data)
-    }
-
-    /// SIGKILL: no handler runs, nothing is flushed.
-    pub fn kill(&mut self) {
-        self.child.kill().unwrap();
-        self.child.wait().unwrap();
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// An administrator's token.
-pub fn token(data: &Path) -> String {
-    let output =
-        Command::new(PROGRAM).args(["token", "create", "--role", "admin", "--data"]).arg(data).output().unwrap();
-    String::from_utf8(output.stdout).unwrap().lines().last().unwrap().to_owned()
-}
 
 /// Somebody with a token.
 pub fn caller(process: &Process, token: &str) -> Caller {
