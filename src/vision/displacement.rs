@@ -11,8 +11,10 @@ pub fn axis_px(lower_px: f64, upper_px: f64, model_lower_px: f64, model_upper_px
     0.5 * (upper_px - model_upper_px + lower_px - model_lower_px)
 }
 
-/// Periods of the outline (from strand to strand) over which the axis is smoothed.
-const PERIODS: usize = 4;
+/// Periods of the outline (from strand to strand) over which a calm axis is smoothed, and a swaying one.
+const PERIODS: (usize, usize) = (4, 2);
+/// Difference between both that strands which lie higher or lower than others make, as a share of the rope's width.
+const UNEVEN: f64 = 0.0007;
 
 /// Column of the axis at every line, robustly smoothed; NaN only if no line shows the rope.
 ///
@@ -23,8 +25,10 @@ const PERIODS: usize = 4;
 pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), period_lines: usize) -> Vec<f32> {
     let n = contours.len();
     let mut raw = vec![f32::NAN; n];
+    let mut width_px = 0.0f64;
     for (line, axis) in raw.iter_mut().enumerate() {
         let (lower, upper) = model(line);
+        width_px = width_px.max(upper - lower);
         *axis = axis_px(f64::from(contours.lower_px[line]), f64::from(contours.upper_px[line]), lower, upper) as f32;
     }
     // Reject what is far from the local median.
@@ -50,7 +54,8 @@ pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), 
             }
         }
     }
-    let mut course = local_parabolas(&kept, PERIODS * half);
+    let mut course = local_parabolas(&kept, PERIODS.0 * half);
+    sway(&mut course, &local_parabolas(&kept, PERIODS.1 * half), UNEVEN * width_px);
     fill_gaps(&mut course);
     course
 }
@@ -89,6 +94,17 @@ fn local_parabolas(values: &[f32], half: usize) -> Vec<f32> {
             parabola.map_or((s[5] / s[0]) as f32, |p| (p[0] + p[1] * x + p[2] * x * x) as f32)
         })
         .collect()
+}
+
+/// Lets a calm course follow a closer one as far as they differ by more than `uneven_px` rms (James-Stein): then the rope sways
+/// faster than the calm one can follow.
+fn sway(calm: &mut [f32], closer: &[f32], uneven_px: f64) {
+    let differences = calm.iter().zip(closer).map(|(calm, closer)| f64::from(closer - calm)).filter(|d| d.is_finite());
+    let (squares, n) = differences.fold((0.0, 0.0), |(squares, n), d| (squares + d * d, n + 1.0));
+    let share = (1.0 - uneven_px * uneven_px * n / f64::max(squares, 1e-9)).max(0.0) as f32;
+    for (calm, closer) in calm.iter_mut().zip(closer) {
+        *calm += share * (closer - *calm);
+    }
 }
 
 fn fill_gaps(values: &mut [f32]) {
