@@ -8,6 +8,7 @@ mod archive_entries;
 pub mod arrivals;
 pub mod auth;
 pub mod buckets;
+pub mod budgets;
 pub mod defect_card;
 pub mod defects;
 pub mod deliveries;

@@ -1,5 +1,6 @@
 //! Appearance models: versioned per rope, with what they were trained on.
 
+use super::budgets::BudgetFit;
 use super::extract::{Path, Query};
 use super::frames::{Image, KnownVersion, known, repr_digest};
 use super::pages::{PageQuery, page_of};
@@ -32,6 +33,9 @@ pub struct TrainedOn {
     threshold: f64,
     /// How the threshold was found.
     threshold_origin: String,
+    /// Both thresholds with the budget that they are made for; null in models of earlier versions.
+    #[schema(required)]
+    budget: Option<BudgetFit>,
     /// Wall-clock seconds of the run.
     seconds: f64,
     /// What else a person should know.
@@ -86,6 +90,7 @@ impl TryFrom<models::Model> for Model {
                 learnt_view_m: report.learnt_view_m,
                 threshold: report.threshold,
                 threshold_origin: report.threshold_origin,
+                budget: report.budget.map(BudgetFit::from),
                 seconds: report.seconds,
                 notes: report.notes,
             },

@@ -2,7 +2,7 @@
 
 use super::found::{DefectsSoFar, FoundDefects};
 use super::model_file::Model;
-use super::results::{AlarmRow, DefectRow};
+use super::results::{AlarmRow, DefectRow, Level, Threshold};
 use super::tables::LineValues;
 use super::{Acquisition, PipelineError};
 use crate::vision::aligner::AlignedStretch;
@@ -24,16 +24,27 @@ pub(super) struct Detection<'a> {
     model: &'a Model,
     threshold: f64,
     builders: Vec<AlarmBuilder>,
+    /// The same over the second level, and that level; none if there is no such level.
+    again: Option<(f64, Vec<AlarmBuilder>)>,
     so_far: DefectsSoFar,
     line_scores: LineValues,
 }
 
 impl<'a> Detection<'a> {
     /// Nothing found yet.
-    pub fn new(acquisition: &'a Acquisition, model: &'a Model, threshold: f64, line_scores: LineValues) -> Self {
-        let builder = |v| AlarmBuilder::new(v, threshold, acquisition.line_pitch_mm);
-        let builders = (0..model.views.len()).map(builder).collect();
-        Self { acquisition, model, threshold, builders, so_far: DefectsSoFar::default(), line_scores }
+    pub fn new(acquisition: &'a Acquisition, model: &'a Model, threshold: &Threshold, line_scores: LineValues) -> Self {
+        let builders = |level: f64| -> Vec<AlarmBuilder> {
+            (0..model.views.len()).map(|v| AlarmBuilder::new(v, level, acquisition.line_pitch_mm)).collect()
+        };
+        Self {
+            acquisition,
+            model,
+            threshold: threshold.line_score,
+            builders: builders(threshold.line_score),
+            again: threshold.look_again_line_score.map(|level| (level, builders(level))),
+            so_far: DefectsSoFar::default(),
+            line_scores,
+        }
     }
 
     /// Scores a stretch; answers its likelihood maps if they are wanted (white where nothing was judged).
@@ -78,6 +89,15 @@ impl<'a> Detection<'a> {
                 if maps { likelihood_map(&seen, scores) } else { GrayImage::default() }
             })
             .collect();
+        if let Some((level, builders)) = &mut self.again {
+            for (v, builder) in builders.iter_mut().enumerate() {
+                if let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) {
+                    builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
+                        alarmed_columns(&seen, scores, block, *level as f32)
+                    });
+                }
+            }
+        }
         let mut images = Vec::new();
         for (v, (scores, map)) in scored.into_iter().zip(drawn).enumerate() {
             let of_line = |k: usize| scores.as_ref().map_or(f32::NAN, |s| s.blocks[k / s.block_lines]);
@@ -92,13 +112,29 @@ impl<'a> Detection<'a> {
         self.so_far.look(self.acquisition, &self.builders, next_line)
     }
 
-    /// The defects, and the line scores to be written.
-    pub fn finish(self) -> (Vec<DefectRow>, LineValues) {
-        let alarms = self.builders.into_iter().flat_map(AlarmBuilder::finish).collect();
-        let defects = merge(alarms, self.acquisition.line_pitch_mm);
-        let rows = defects.iter().enumerate().map(|(id, d)| defect_row(self.acquisition, id, d)).collect();
-        (rows, self.line_scores)
+    /// The defects, the places to look at again, and the line scores to be written.
+    pub fn finish(self) -> (Vec<DefectRow>, Option<Vec<DefectRow>>, LineValues) {
+        let pitch_mm = self.acquisition.line_pitch_mm;
+        let merged = |builders: Vec<AlarmBuilder>| {
+            merge(builders.into_iter().flat_map(AlarmBuilder::finish).collect(), pitch_mm)
+        };
+        let defects = merged(self.builders);
+        let again = self.again.map(|(_, builders)| beside(merged(builders), &defects));
+        let row = |(id, defect): (usize, &Defect)| defect_row(self.acquisition, id, defect);
+        let again = again.map(|again| {
+            let places = again.iter().enumerate().map(|(n, place)| row((defects.len() + n, place)));
+            places.map(|place| DefectRow { level: Level::LookAgain, ..place }).collect()
+        });
+        (defects.iter().enumerate().map(row).collect(), again, self.line_scores)
     }
+}
+
+/// Those places that share no line with a defect: the others are the defects themselves, a little longer. Both run along the rope.
+fn beside(places: Vec<Defect>, defects: &[Defect]) -> Vec<Defect> {
+    let touches = |place: &Defect, defect: &Defect| {
+        place.first_line() <= defect.last_line() && defect.first_line() <= place.last_line()
+    };
+    places.into_iter().filter(|place| !defects.iter().any(|defect| touches(place, defect))).collect()
 }
 
 /// A defect as the tables show it.
@@ -106,6 +142,7 @@ pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) 
     let peak = defect.peak();
     DefectRow {
         id,
+        level: Level::Alarm,
         from_m: acquisition.position_m(defect.first_line()),
         to_m: acquisition.position_m(defect.last_line() + 1),
         strand: peak.map(|p| p.strand),

@@ -1,10 +1,12 @@
 //! Drives `vision` over an acquisition, wherever its frames come from.
 
 pub mod acquisition;
+pub mod budget;
 pub mod closeup;
 mod detection;
 mod drive;
 pub mod found;
+mod held_back;
 pub mod inspect;
 mod maps;
 pub mod model_file;
@@ -19,6 +21,7 @@ pub mod train;
 pub mod windows;
 
 pub use acquisition::{Acquisition, AcquisitionError, RopeFile};
+pub use budget::Budget;
 pub use found::Found;
 pub use inspect::{InspectOptions, inspect};
 pub use progress::{Progress, ProgressReport};
@@ -62,6 +65,9 @@ pub enum PipelineError {
         /// Metres that are needed.
         needed_m: f64,
     },
+    /// What false alarms may cost was asked for in a number that makes no sense.
+    #[error("{0}")]
+    Budget(String),
     /// The results could not be written.
     #[error("cannot write {path}: {source}")]
     Write {

@@ -59,11 +59,25 @@ pub struct AlarmRow {
     pub peak_score: f64,
 }
 
+/// How sure it is that something is there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Level {
+    /// Over the threshold: a defect.
+    #[default]
+    Alarm,
+    /// Over the second level only: worth looking at again.
+    LookAgain,
+}
+
 /// Alarms of one cause, merged over lines, wires and views.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DefectRow {
-    /// Number within the inspection, from 0, along the rope.
+    /// Number within the inspection, from 0: defects along the rope, then places to look at again along it.
     pub id: usize,
+    /// Which threshold it is over.
+    #[serde(default)]
+    pub level: Level,
     /// Rope metre where it begins.
     pub from_m: f64,
     /// Rope metre where it ends.
@@ -96,8 +110,18 @@ pub struct NotCovered {
 pub struct Threshold {
     /// Lines with a score above it are alarms.
     pub line_score: f64,
-    /// How it was found, such as `held-back intact rope, 2 false defects per 100 m`.
+    /// Lines with a score above it, but not above `line_score`, are worth looking at again; `None`: there is no second level.
+    #[serde(default)]
+    pub look_again_line_score: Option<f64>,
+    /// How it was found, such as `automatic, budget 2 false defects per 100 m, ..`, or who set it.
     pub origin: String,
+}
+
+impl Threshold {
+    /// A threshold that somebody sets for one inspection.
+    pub fn by_hand(line_score: f64) -> Self {
+        Self { line_score, look_again_line_score: None, origin: "set by hand for this inspection".into() }
+    }
 }
 
 /// `summary.json`.
@@ -121,6 +145,9 @@ pub struct Summary {
     pub threshold: Option<Threshold>,
     /// Number of defects; `None` without a model.
     pub defects: Option<usize>,
+    /// Number of places that are no defects but worth looking at again; `None` without a second level.
+    #[serde(default)]
+    pub look_again: Option<usize>,
     /// Wall-clock seconds of the run, without those in which it waited for frames.
     pub seconds: f64,
     /// Metres of rope (all views) per second.

@@ -3,10 +3,12 @@
 use ropescope::clock::SystemClock;
 use ropescope::config::Settings;
 use ropescope::http::auth;
+use ropescope::pipeline::budget::{self, BudgetFit};
 use ropescope::pipeline::found::{Found, FoundDefects};
-use ropescope::pipeline::results::{AlarmRow, DefectRow, LayLengthRow, NotCovered, Summary, Threshold};
+use ropescope::pipeline::results::{AlarmRow, DefectRow, LayLengthRow, Level, NotCovered, Summary, Threshold};
 use ropescope::pipeline::{
-    Acquisition, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions, TrainReport,
+    Acquisition, Budget, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions,
+    TrainReport,
 };
 use ropescope::service::Service;
 use ropescope::store::tokens::Role;
@@ -27,6 +29,29 @@ pub const LINES: u32 = 100;
 
 /// Threshold of the models of tests.
 pub const TRAINED_THRESHOLD: f64 = 6.0;
+
+/// Score from which on places are worth looking at again there.
+pub const TRAINED_LOOK_AGAIN: f64 = 4.8;
+
+fn toy_budget(budget: Budget) -> BudgetFit {
+    let level = |line_score: f64, per_100m: f64| budget::Level {
+        line_score,
+        false_defects_per_100m: per_100m,
+        at_least_per_100m: per_100m / 3.0,
+        at_most_per_100m: per_100m * 3.0,
+        reinspect_m_per_100m: per_100m * 0.11,
+    };
+    let per_100m = budget.false_defects().unwrap();
+    BudgetFit {
+        budget,
+        alarm: level(TRAINED_THRESHOLD, per_100m),
+        look_again: level(TRAINED_LOOK_AGAIN, 5.0 * per_100m),
+        held_back_m: 1.6,
+        peaks: 40,
+        left_out: 0,
+        tail_from: 4.0,
+    }
+}
 
 /// Stands in for vision: writes a small results folder, or waits to be stopped.
 #[derive(Default)]
@@ -68,6 +93,7 @@ impl Engine for ToyEngine {
             learnt_view_m: 1.0,
             threshold: TRAINED_THRESHOLD,
             threshold_origin: "a toy".into(),
+            budget: Some(toy_budget(options.budget)),
             seconds: 0.1,
             notes: vec![],
         })
@@ -119,6 +145,8 @@ impl Engine for ToyEngine {
             let defects = [defect(acquisition)];
             std::fs::write(results.join("defects.json"), serde_json::to_vec(&defects).unwrap()).unwrap();
             found = Some(defects.len());
+            let again = [look_again(acquisition, source.frames(0) * LINES as usize - 1)];
+            std::fs::write(results.join("look_again.json"), serde_json::to_vec(&again).unwrap()).unwrap();
             for view in 0..source.views() {
                 let folder = results.join(format!("maps/view{view}"));
                 std::fs::create_dir_all(&folder).unwrap();
@@ -159,11 +187,15 @@ impl Engine for ToyEngine {
                 to_m: acquisition.position_m(2 * LINES as usize),
                 reason: "too dark".into(),
             }],
-            threshold: options.model_path.as_ref().map(|_| Threshold {
-                line_score: options.threshold.unwrap_or(TRAINED_THRESHOLD),
-                origin: "a toy".into(),
+            threshold: options.model_path.as_ref().map(|_| {
+                options.threshold.clone().unwrap_or_else(|| Threshold {
+                    line_score: TRAINED_THRESHOLD,
+                    look_again_line_score: Some(TRAINED_LOOK_AGAIN),
+                    origin: "a toy".into(),
+                })
             }),
             defects: found,
+            look_again: found,
             seconds: 0.1,
             metres_per_second: 1.0,
             notes: vec![],
@@ -176,11 +208,28 @@ fn defect(acquisition: &Acquisition) -> DefectRow {
     let alarm = AlarmRow { view: 0, first_line: 40, last_line: 44, first_column: 10, last_column: 20, peak_score: 9.0 };
     DefectRow {
         id: 0,
+        level: Level::Alarm,
         from_m: acquisition.position_m(40),
         to_m: acquisition.position_m(45),
         strand: Some(2),
         wire: None,
         peak_score: 9.0,
+        alarms: vec![alarm],
+    }
+}
+
+/// The place that it would look at again: the last line.
+fn look_again(acquisition: &Acquisition, line: usize) -> DefectRow {
+    let alarm =
+        AlarmRow { view: 0, first_line: line, last_line: line, first_column: 4, last_column: 5, peak_score: 5.0 };
+    DefectRow {
+        id: 1,
+        level: Level::LookAgain,
+        from_m: acquisition.position_m(line),
+        to_m: acquisition.position_m(line + 1),
+        strand: None,
+        wire: None,
+        peak_score: 5.0,
         alarms: vec![alarm],
     }
 }

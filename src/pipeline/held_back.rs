@@ -1,0 +1,65 @@
+//! Scores of intact rope as an inspection would give them: held-back stretches, each judged by a calibration that has not seen it.
+//!
+//! Calibrating on a stretch makes its own scores lower than those of unseen rope: the highest of many filters is fitted to just
+//! this stretch. A threshold from such scores lets ten times as many false defects pass as it promises.
+
+use crate::vision::evidence::Evidence;
+use crate::vision::inspection_model::ViewAppearance;
+use crate::vision::scoring::{StretchScores, join_views};
+use crate::vision::tail::peaks;
+use rayon::prelude::*;
+
+/// Parts of the held-back stretches, each of which is judged by the others.
+const FOLDS: usize = 4;
+
+/// Evidence of held-back stretches: `[view][stretch][factor]`.
+pub(super) type Held = Vec<Vec<Vec<Evidence>>>;
+
+/// The scores of all stretches that every view has, `[stretch][view]`. `None` if there are fewer than two, or too little in them
+/// to calibrate.
+pub(super) fn cross_scored(
+    views: &[ViewAppearance],
+    held: &Held,
+    strands: usize,
+    pitch_mm: f64,
+) -> Option<Vec<Vec<Option<StretchScores>>>> {
+    // A view that missed a stretch is out of step: then only as many as all have count.
+    let stretches = held.iter().map(Vec::len).min().filter(|&n| n >= 2)?;
+    let folds = FOLDS.min(stretches);
+    let mut scored: Vec<Vec<Option<StretchScores>>> = vec![vec![None; views.len()]; stretches];
+    for fold in 0..folds {
+        let of_fold = |stretch: &usize| stretch % folds == fold;
+        let of_view: Vec<Vec<StretchScores>> = views
+            .par_iter()
+            .zip(held)
+            .map(|(view, held)| {
+                let mut view = view.clone();
+                let others: Vec<&[Evidence]> =
+                    (0..stretches).filter(|s| !of_fold(s)).map(|s| held[s].as_slice()).collect();
+                let calibrated = view.calibrate(&others, pitch_mm);
+                let judged = (0..stretches).filter(of_fold);
+                calibrated.then(|| judged.map(|s| view.score(held[s].clone(), pitch_mm)).collect())
+            })
+            .collect::<Option<_>>()?;
+        for (v, scores) in of_view.into_iter().enumerate() {
+            for (stretch, scores) in (0..stretches).filter(of_fold).zip(scores) {
+                scored[stretch][v] = Some(scores);
+            }
+        }
+    }
+    scored.iter_mut().for_each(|views| join_views(views, strands));
+    Some(scored)
+}
+
+/// Highest score of every block over all views.
+pub(super) fn over_views(views: &[Option<StretchScores>]) -> Vec<f32> {
+    let blocks = views.iter().flatten().map(|v| v.blocks.len()).max().unwrap_or(0);
+    (0..blocks)
+        .map(|b| views.iter().flatten().filter_map(|v| v.blocks.get(b)).fold(f32::NAN, |high, &s| high.max(s)))
+        .collect()
+}
+
+/// Peaks of all stretches, one an event.
+pub(super) fn peaks_of(scored: &[Vec<Option<StretchScores>>], block_mm: f64) -> Vec<f32> {
+    scored.iter().flat_map(|views| peaks(&over_views(views), block_mm)).map(|(_, score)| score).collect()
+}
