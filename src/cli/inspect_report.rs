@@ -2,7 +2,7 @@
 
 use anyhow::Context;
 use ropescope::pipeline::Acquisition;
-use ropescope::pipeline::results::{DefectRow, LayLengthRow, Summary};
+use ropescope::pipeline::results::{DefectRow, Kind, LayLengthRow, Summary};
 use ropescope::workers::results_folder;
 use serde::Serialize;
 use std::fmt;
@@ -127,6 +127,17 @@ impl fmt::Display for Report {
         if let Some(threshold) = &s.threshold {
             writeln!(f, "threshold   line score {:.3}: {}", threshold.line_score, threshold.origin)?;
         }
+        if let Some(fit) = &s.fit
+            && let (Some(rate), Some(low), Some(high)) =
+                (fit.false_defects_per_100m, fit.at_least_per_100m, fit.at_most_per_100m)
+        {
+            writeln!(
+                f,
+                "model fit   about {rate:.1} false defects per 100 m of this rope ({low:.1} to {high:.1} with 95 %), made for {}: {}",
+                fit.budget_per_100m,
+                if fit.fits { "it fits" } else { "retrain" }
+            )?;
+        }
         self.write_defects(f)?;
         self.write_gaps(f)?;
         for note in &s.notes {
@@ -179,18 +190,33 @@ fn write_places(f: &mut fmt::Formatter<'_>, defects: &[DefectRow], file: &str) -
         let views: Vec<String> = views.iter().map(usize::to_string).collect();
         writeln!(
             f,
-            "  {:>4}      metre {:.3} to {:.3}{}{}, seen by view {}, score {:.2}",
+            "  {:>4}      metre {:.3} to {:.3}{}{}, seen by view {}, score {:.2}{}",
             d.id,
             d.from_m,
             d.to_m,
             part("strand", d.strand),
             part("wire", d.wire),
             views.join(" "),
-            d.peak_score
+            d.peak_score,
+            d.suggestion.as_ref().map_or_else(String::new, |s| format!(
+                ", likely {}: {}",
+                kind_in_words(s.kind),
+                s.why
+            ))
         )?;
     }
     if defects.len() > MOST_DEFECTS {
         writeln!(f, "  and {} more in {file}", defects.len() - MOST_DEFECTS)?;
     }
     Ok(())
+}
+
+fn kind_in_words(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Gap => "a gap",
+        Kind::MissingWire => "a missing wire",
+        Kind::ProtrudingWire => "a protruding wire",
+        Kind::SurfaceChange => "a changed surface",
+        Kind::Unclear => "unclear",
+    }
 }

@@ -3,6 +3,7 @@
 use super::recording::Recording;
 use super::run_progress::{Watcher, say};
 use anyhow::{Context, bail, ensure};
+use ropescope::pipeline::learning_curve::sentence;
 use ropescope::pipeline::train::is_model;
 use ropescope::pipeline::{Budget, TrainOptions, TrainReport, train};
 use serde_json::json;
@@ -151,6 +152,11 @@ fn summary(args: &TrainArgs, report: &TrainReport, views: usize, bytes: u64) -> 
             fit.look_again.at_least_per_100m,
             fit.look_again.at_most_per_100m,
         );
+    }
+    if let Some(sentence) = sentence(&report.learning_curve) {
+        let points: Vec<String> =
+            report.learning_curve.iter().map(|p| format!("{:.2} m {:.3}", p.metres, p.nats_per_pixel)).collect();
+        text += &format!("enough?     {sentence} (nats per held-back pixel: {})\n", points.join(", "));
     }
     for note in &report.notes {
         text += &format!("note        {note}\n");

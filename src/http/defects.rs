@@ -5,6 +5,7 @@ use super::extract::{Json, Path, Query};
 use super::pages::{PageQuery, page_of};
 use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{MAX_NAME, check_text};
+use super::suggestion::{DefectKind, Suggestion};
 use super::tables::{CsvTable, cell, wants_csv};
 use super::{Problem, inspections, times};
 use crate::app::App;
@@ -162,8 +163,17 @@ pub struct Defect {
     /// Wire in the strand, if it is known.
     #[schema(required)]
     wire: Option<u32>,
+    /// Angle of its peak round the rope, rope axes: 0 faces a camera at angle 0; null in inspections of earlier versions.
+    #[schema(required)]
+    angle_deg: Option<f64>,
     /// Highest line score of its alarms.
     peak_score: f64,
+    /// 1 for the highest peak of its level, and so on; null in inspections of earlier versions.
+    #[schema(required)]
+    rank: Option<u32>,
+    /// What it is likely to be; null in inspections of earlier versions.
+    #[schema(required)]
+    suggestion: Option<Suggestion>,
     /// Its alarms.
     alarms: Vec<Alarm>,
     /// What people decided.
@@ -230,6 +240,7 @@ impl TryFrom<defects::Defect> for Defect {
 
     fn try_from(row: defects::Defect) -> Result<Self, StoreError> {
         let alarms = row.alarms()?.into_iter().map(Alarm::from);
+        let suggestion = row.suggestion()?.map(Suggestion::from);
         let state = match row.state.as_str() {
             "confirmed" => DefectState::Confirmed,
             "dismissed" => DefectState::Dismissed,
@@ -255,7 +266,10 @@ impl TryFrom<defects::Defect> for Defect {
             to_m: row.to_m,
             strand: row.strand,
             wire: row.wire,
+            angle_deg: row.angle_deg,
             peak_score: row.peak_score,
+            rank: row.rank,
+            suggestion,
             alarms: alarms.collect(),
             state,
             verdict,
@@ -291,12 +305,17 @@ pub async fn get_inspection_defects(
             "to_m",
             "strand",
             "wire",
+            "angle_deg",
             "peak_score",
+            "rank",
+            "kind",
+            "area_mm2",
             "alarms",
             "state",
             "ticket_number",
         ])?;
         for row in rows {
+            let suggestion = row.suggestion()?;
             table.row(&[
                 row.id.to_string(),
                 row.number.to_string(),
@@ -305,7 +324,11 @@ pub async fn get_inspection_defects(
                 row.to_m.to_string(),
                 cell(row.strand),
                 cell(row.wire),
+                cell(row.angle_deg),
                 row.peak_score.to_string(),
+                cell(row.rank),
+                cell(suggestion.as_ref().map(|s| DefectKind::from(s.kind).name())),
+                cell(suggestion.as_ref().map(|s| s.area_mm2)),
                 row.alarms()?.len().to_string(),
                 row.state,
                 cell(row.ticket_number),

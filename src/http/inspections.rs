@@ -1,6 +1,7 @@
 //! Inspections: what a job concluded about one acquisition with one model and one threshold.
 
 use super::extract::{Path, Query};
+use super::model_fit::ModelFit;
 use super::pages::{PageQuery, page_of};
 use super::problem::ReadProblems;
 use super::{Problem, times};
@@ -64,6 +65,9 @@ pub struct Summary {
     /// Number of places that are no defects but worth looking at again; null without a second level.
     #[schema(required)]
     look_again: Option<usize>,
+    /// Whether the model still fits this rope; null without a model that knows.
+    #[schema(required)]
+    fit: Option<ModelFit>,
     /// Wall-clock seconds of the run.
     seconds: f64,
     /// Metres of rope (all views) per second.
@@ -128,6 +132,7 @@ impl From<results::Summary> for Summary {
             threshold: s.threshold.map(Threshold::from),
             defects: s.defects,
             look_again: s.look_again,
+            fit: s.fit.map(ModelFit::from),
             seconds: s.seconds,
             metres_per_second: s.metres_per_second,
             notes: s.notes,

@@ -1,8 +1,10 @@
 //! Scores aligned stretches with a model, and gathers alarms, line scores and likelihood maps.
 
+use super::fit::{IntactRope, ModelFit};
 use super::found::{DefectsSoFar, FoundDefects};
 use super::model_file::Model;
-use super::results::{AlarmRow, DefectRow, Level, Threshold};
+use super::results::{AlarmRow, DefectRow, Level, Suggestion, Threshold};
+use super::signs::Looker;
 use super::tables::LineValues;
 use super::{Acquisition, PipelineError};
 use crate::vision::aligner::AlignedStretch;
@@ -28,6 +30,19 @@ pub(super) struct Detection<'a> {
     again: Option<(f64, Vec<AlarmBuilder>)>,
     so_far: DefectsSoFar,
     line_scores: LineValues,
+    intact: IntactRope,
+}
+
+/// What a model found on the whole rope.
+pub(super) struct Findings {
+    /// The defects, along the rope.
+    pub defects: Vec<DefectRow>,
+    /// Places to look at again, along the rope; `None` without a second level.
+    pub look_again: Option<Vec<DefectRow>>,
+    /// The line scores, to be written.
+    pub line_scores: LineValues,
+    /// Whether the model fits the rope; `None` if it does not know how intact rope scores.
+    pub fit: Option<ModelFit>,
 }
 
 impl<'a> Detection<'a> {
@@ -44,6 +59,7 @@ impl<'a> Detection<'a> {
             again: threshold.look_again_line_score.map(|level| (level, builders(level))),
             so_far: DefectsSoFar::default(),
             line_scores,
+            intact: IntactRope::default(),
         }
     }
 
@@ -74,6 +90,9 @@ impl<'a> Detection<'a> {
             .map(|v| Some(model.views[v].score(aligned(v)?.evidence(&model.views[v]), pitch_mm)))
             .collect();
         join_views(&mut scored, rope.strands());
+        let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
+        self.intact.add(&scored, model.report.threshold, block_mm);
+        let gray = |v: usize| model.views[v].factors.first().map(|factor| &factor.appearance);
         let sensor_px = self.acquisition.sensor_px as usize;
         let drawn: Vec<GrayImage> = self
             .builders
@@ -83,8 +102,9 @@ impl<'a> Detection<'a> {
                 let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) else {
                     return if maps { white(sensor_px, stretch.lines) } else { GrayImage::default() };
                 };
+                let looker = Looker::new(seen, scores, gray(v));
                 builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
-                    alarmed_columns(&seen, scores, block, threshold as f32)
+                    looker.look(block, threshold)
                 });
                 if maps { likelihood_map(&seen, scores) } else { GrayImage::default() }
             })
@@ -92,8 +112,9 @@ impl<'a> Detection<'a> {
         if let Some((level, builders)) = &mut self.again {
             for (v, builder) in builders.iter_mut().enumerate() {
                 if let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) {
+                    let looker = Looker::new(seen, scores, gray(v));
                     builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
-                        alarmed_columns(&seen, scores, block, *level as f32)
+                        looker.look(block, *level)
                     });
                 }
             }
@@ -112,8 +133,14 @@ impl<'a> Detection<'a> {
         self.so_far.look(self.acquisition, &self.builders, next_line)
     }
 
-    /// The defects, the places to look at again, and the line scores to be written.
-    pub fn finish(self) -> (Vec<DefectRow>, Option<Vec<DefectRow>>, LineValues) {
+    /// What was found on the whole rope.
+    pub fn finish(self) -> Findings {
+        let ranked = |mut rows: Vec<DefectRow>| {
+            let mut order: Vec<usize> = (0..rows.len()).collect();
+            order.sort_by(|&a, &b| rows[b].peak_score.total_cmp(&rows[a].peak_score).then(a.cmp(&b)));
+            order.into_iter().enumerate().for_each(|(place, row)| rows[row].rank = Some(place + 1));
+            rows
+        };
         let pitch_mm = self.acquisition.line_pitch_mm;
         let merged = |builders: Vec<AlarmBuilder>| {
             merge(builders.into_iter().flat_map(AlarmBuilder::finish).collect(), pitch_mm)
@@ -123,9 +150,15 @@ impl<'a> Detection<'a> {
         let row = |(id, defect): (usize, &Defect)| defect_row(self.acquisition, id, defect);
         let again = again.map(|again| {
             let places = again.iter().enumerate().map(|(n, place)| row((defects.len() + n, place)));
-            places.map(|place| DefectRow { level: Level::LookAgain, ..place }).collect()
+            ranked(places.map(|place| DefectRow { level: Level::LookAgain, ..place }).collect())
         });
-        (defects.iter().enumerate().map(row).collect(), again, self.line_scores)
+        let report = &self.model.report;
+        Findings {
+            defects: ranked(defects.iter().enumerate().map(row).collect()),
+            look_again: again,
+            fit: report.budget.as_ref().map(|budget| self.intact.fit(budget, &report.intact)),
+            line_scores: self.line_scores,
+        }
     }
 }
 
@@ -140,6 +173,7 @@ fn beside(places: Vec<Defect>, defects: &[Defect]) -> Vec<Defect> {
 /// A defect as the tables show it.
 pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) -> DefectRow {
     let peak = defect.peak();
+    let figures = defect.figures();
     DefectRow {
         id,
         level: Level::Alarm,
@@ -147,7 +181,10 @@ pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) 
         to_m: acquisition.position_m(defect.last_line() + 1),
         strand: peak.map(|p| p.strand),
         wire: peak.map(|p| p.wire),
+        angle_deg: figures.map(|f| f.angle_rad.to_degrees().rem_euclid(360.0)),
         peak_score: peak.map_or(0.0, |p| p.peak_score),
+        rank: None,
+        suggestion: figures.map(Suggestion::from),
         alarms: defect
             .alarms
             .iter()
@@ -165,28 +202,6 @@ pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) 
 
 fn white(width: usize, lines: usize) -> GrayImage {
     GrayImage::new(width, vec![255; width * lines]).unwrap_or_default()
-}
-
-fn alarmed_columns(
-    seen: &AlignedView<'_>,
-    scores: &StretchScores,
-    block: usize,
-    threshold: f32,
-) -> Option<(usize, usize)> {
-    let line = (block * scores.block_lines + scores.block_lines / 2).min(seen.view.image.lines() - 1);
-    let mut columns: Option<(usize, usize)> = None;
-    let row = block * seen.rope.strands() * scores.places;
-    // A block may be over the threshold by its neighbours' help: then its highest place stands for it.
-    let (strand, place) = scores.peaks[block];
-    let limit = threshold.min(scores.cells[row + strand * scores.places + place]);
-    seen.surface_map().for_each(line, seen.view.axis_px[line], |point| {
-        let cell = row + point.strand * scores.places + point.place;
-        if scores.cells[cell] >= limit {
-            columns =
-                Some(columns.map_or((point.column, point.column), |(a, b)| (a.min(point.column), b.max(point.column))));
-        }
-    });
-    columns
 }
 
 /// The likelihood map of a stretch: dark is unlikely, white is usual, was not judged or is no rope.

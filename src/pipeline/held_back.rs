@@ -6,7 +6,6 @@
 use crate::vision::evidence::Evidence;
 use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::scoring::{StretchScores, join_views};
-use crate::vision::tail::peaks;
 use rayon::prelude::*;
 
 /// Parts of the held-back stretches, each of which is judged by the others.
@@ -49,17 +48,4 @@ pub(super) fn cross_scored(
     }
     scored.iter_mut().for_each(|views| join_views(views, strands));
     Some(scored)
-}
-
-/// Highest score of every block over all views.
-pub(super) fn over_views(views: &[Option<StretchScores>]) -> Vec<f32> {
-    let blocks = views.iter().flatten().map(|v| v.blocks.len()).max().unwrap_or(0);
-    (0..blocks)
-        .map(|b| views.iter().flatten().filter_map(|v| v.blocks.get(b)).fold(f32::NAN, |high, &s| high.max(s)))
-        .collect()
-}
-
-/// Peaks of all stretches, one an event.
-pub(super) fn peaks_of(scored: &[Vec<Option<StretchScores>>], block_mm: f64) -> Vec<f32> {
-    scored.iter().flat_map(|views| peaks(&over_views(views), block_mm)).map(|(_, score)| score).collect()
 }

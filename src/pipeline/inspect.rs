@@ -2,6 +2,7 @@
 
 use super::detection::Detection;
 use super::drive::Drive;
+use super::fit::ModelFit;
 use super::found::Found;
 use super::maps::MapWriter;
 use super::model_file::Model;
@@ -93,19 +94,20 @@ pub fn inspect(
     if let Some(maps) = maps {
         maps.finish()?;
     }
-    let (mut defects, mut look_again) = (None, None);
+    let (mut defects, mut look_again, mut fit) = (None, None, None);
     if let Some(detection) = detection {
-        let (rows, again, scores) = detection.finish();
+        let found = detection.finish();
         match options.line_scores {
-            LineScoreFormat::Csv => scores.write_csv("line_scores.csv", "view,line,score", false, 4)?,
-            LineScoreFormat::Binary => scores.write_binary("line_scores")?,
+            LineScoreFormat::Csv => found.line_scores.write_csv("line_scores.csv", "view,line,score", false, 4)?,
+            LineScoreFormat::Binary => found.line_scores.write_binary("line_scores")?,
         }
-        write_json(&results_folder.join("defects.json"), &rows)?;
-        if let Some(again) = again {
-            write_json(&results_folder.join("look_again.json"), &again)?;
+        write_json(&results_folder.join("defects.json"), &found.defects)?;
+        if let Some(again) = &found.look_again {
+            write_json(&results_folder.join("look_again.json"), again)?;
             look_again = Some(again.len());
         }
-        defects = Some(rows.len());
+        defects = Some(found.defects.len());
+        fit = found.fit;
     }
     let seconds = (started.elapsed() - reader.waited()).as_secs_f64();
     let summary = Summary {
@@ -124,7 +126,8 @@ pub fn inspect(
         look_again,
         seconds,
         metres_per_second: total_m / seconds.max(1e-9),
-        notes: Vec::new(),
+        notes: fit.iter().filter_map(ModelFit::warning).collect(),
+        fit,
     };
     write_json(&results_folder.join("summary.json"), &summary)?;
     Ok(summary)

@@ -1,8 +1,10 @@
 //! Learns an appearance model from intact rope.
 
 use super::budget::{Budget, BudgetFit};
-use super::drive::Drive;
-use super::held_back::{Held, cross_scored, peaks_of};
+use super::drive::{Drive, aligner_spec};
+use super::fit::{IntactRope, IntactScores};
+use super::held_back::{Held, cross_scored};
+use super::learning_curve::{GrowingGray, LearningPoint, curve};
 use super::model_file::Model;
 use super::results::Threshold;
 use super::stretches::STRETCH_LINES;
@@ -46,6 +48,12 @@ pub struct TrainReport {
     /// Both thresholds with the budget that they are made for; `None` in models of earlier versions.
     #[serde(default)]
     pub budget: Option<BudgetFit>,
+    /// Scores of held-back rope, one entry a view: what those of an inspection are compared with. Empty in models of earlier versions.
+    #[serde(default)]
+    pub intact: Vec<Option<IntactScores>>,
+    /// What the model would have known with less rope. Empty in models of earlier versions.
+    #[serde(default)]
+    pub learning_curve: Vec<LearningPoint>,
     /// Wall-clock seconds of the run.
     pub seconds: f64,
     /// What else a person should know, as sentences.
@@ -94,14 +102,16 @@ pub fn train(
     let used = drive("learn").reader()?.range();
 
     // First pass: gray values of intact rope.
-    let mut gray = vec![Histogram::default(); views];
-    let learnt_view_m =
-        each_view(&drive("learn"), &mut gray, |k| !held_back(k), |aligned, histogram| aligned.learn_gray(histogram))?;
+    let stretches = used.len().div_ceil(aligner_spec(acquisition).stretch_lines(STRETCH_LINES));
+    let learnt_stretches = (0..stretches).filter(|&number| !held_back(number)).count();
+    let mut gray = vec![GrowingGray::new(learnt_stretches); views];
+    each_view(&drive("learn"), &mut gray, |_| true, |number, aligned, gray| gray.take(&aligned, held_back(number)))?;
+    let learnt_view_m: f64 = gray.iter().map(|view| view.metres).sum();
     let aligned_m = learnt_view_m / views as f64;
     if aligned_m < LEAST_M {
         return Err(PipelineError::TooLittleRope { aligned_m, needed_m: LEAST_M });
     }
-    let gray: Vec<Appearance> = gray.par_iter().map(Appearance::learn).collect();
+    let (gray, learning_curve) = curve(gray);
 
     // Second pass: the further factors, relative to the gray that is expected.
     let mut factors: Vec<(&Appearance, [Histogram; FACTORS.len()])> =
@@ -110,7 +120,7 @@ pub fn train(
         &drive("learn more"),
         &mut factors,
         |k| !held_back(k),
-        |aligned, (gray, histograms)| {
+        |_, aligned, (gray, histograms)| {
             aligned.learn_factors(gray, histograms);
         },
     )?;
@@ -118,7 +128,7 @@ pub fn train(
 
     // Third pass: evidence of what was held back, for calibration and threshold.
     let mut evidence: Vec<(&ViewAppearance, Vec<Vec<Evidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
-    each_view(&drive("calibrate"), &mut evidence, held_back, |aligned, (model, stretches)| {
+    each_view(&drive("calibrate"), &mut evidence, held_back, |_, aligned, (model, stretches)| {
         if stretches.len() < MOST_HELD_BACK {
             stretches.push(aligned.evidence(model));
         }
@@ -133,9 +143,9 @@ pub fn train(
         }
     }
     let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
-    let held_back_m = scored.len() as f64 * STRETCH_LINES as f64 * pitch_mm / 1000.0;
-    let peaks = peaks_of(&scored, block_mm);
-    let budget = BudgetFit::of(options.budget, per_100m, &peaks, held_back_m).ok_or_else(too_little)?;
+    let mut intact = IntactRope::default();
+    scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
+    let budget = BudgetFit::of(options.budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
     let mut notes = Vec::new();
     if budget.left_out > 0 {
         notes.push(format!(
@@ -152,6 +162,8 @@ pub fn train(
         threshold: budget.alarm.line_score,
         threshold_origin: budget.origin(),
         budget: Some(budget),
+        intact: intact.scores(),
+        learning_curve,
         seconds: started.elapsed().as_secs_f64(),
         notes,
     };
@@ -163,35 +175,35 @@ fn held_back(number: usize) -> bool {
     number % HELD_BACK_EVERY == HELD_BACK_EVERY - 1
 }
 
-/// Aligns the range and hands every usable view of the stretches that are `wanted` (by number) to `take`, with what that view
-/// gathers; all views at once. Answers the metres times views that were taken.
+/// Aligns the range and hands every usable view of the stretches that are `wanted` (by number) to `take`, with its number and what
+/// that view gathers; all views at once.
 fn each_view<T: Send>(
     drive: &Drive<'_>,
     gathered: &mut [T],
     wanted: impl Fn(usize) -> bool,
-    take: impl Fn(AlignedView<'_>, &mut T) + Sync,
-) -> Result<f64, PipelineError> {
+    take: impl Fn(usize, AlignedView<'_>, &mut T) + Sync,
+) -> Result<(), PipelineError> {
     let pitch_mm = drive.acquisition.line_pitch_mm;
     let rope = &drive.acquisition.rope;
-    let mut taken_view_m = 0.0;
     let mut number = 0;
     drive.run(&mut drive.reader()?, |stretch, cameras| {
-        let wanted = wanted(number);
+        let this = number;
         number += 1;
-        if let (true, Ok(estimates)) = (wanted, &stretch.estimates) {
-            let usable = stretch.views.iter().filter(|v| v.usable()).count();
-            taken_view_m += usable as f64 * stretch.lines as f64 * pitch_mm / 1000.0;
+        if let (true, Ok(estimates)) = (wanted(this), &stretch.estimates) {
             gathered.par_iter_mut().enumerate().for_each(|(v, gathered)| {
                 let view = &stretch.views[v];
                 if view.usable() {
                     let block_lines = block_lines(pitch_mm);
-                    take(AlignedView { rope, camera: &cameras[v], estimates, view, block_lines, pitch_mm }, gathered);
+                    take(
+                        this,
+                        AlignedView { rope, camera: &cameras[v], estimates, view, block_lines, pitch_mm },
+                        gathered,
+                    );
                 }
             });
         }
         Ok(())
-    })?;
-    Ok(taken_view_m)
+    })
 }
 
 #[cfg(test)]
@@ -209,6 +221,8 @@ mod tests {
             threshold: budget.alarm.line_score,
             threshold_origin: budget.origin(),
             budget: Some(budget),
+            intact: Vec::new(),
+            learning_curve: Vec::new(),
             seconds: 1.0,
             notes: Vec::new(),
         }

@@ -2,7 +2,7 @@
 
 use super::outbox::{self, Cause, DefectFacts};
 use super::{Id, Page, PageRequest, Store, StoreError};
-use crate::pipeline::results::{AlarmRow, DefectRow, Level};
+use crate::pipeline::results::{AlarmRow, DefectRow, Level, Suggestion};
 use sqlx::SqliteConnection;
 
 /// Levels as they are stored: over the threshold, and over the second one only.
@@ -12,7 +12,10 @@ pub const LOOK_AGAIN: &str = "look_again";
 
 /// A defect.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
-#[expect(missing_docs, reason = "migrations/0004_results.sql and 0030_levels.sql say what each column means")]
+#[expect(
+    missing_docs,
+    reason = "migrations/0004_results.sql, 0030_levels.sql and 0031_kinds.sql say what each column means"
+)]
 pub struct Defect {
     pub seq: i64,
     pub id: Id,
@@ -20,6 +23,9 @@ pub struct Defect {
     pub rope_id: Id,
     pub number: u32,
     pub level: String,
+    pub rank: Option<u32>,
+    pub angle_deg: Option<f64>,
+    pub suggestion: Option<String>,
     pub from_m: f64,
     pub to_m: f64,
     pub strand: Option<u32>,
@@ -88,8 +94,9 @@ pub(super) async fn insert(
             value: e.to_string(),
         })?;
         sqlx::query(
-            "insert into defect (id, inspection_id, rope_id, number, from_m, to_m, strand, wire, peak_score, alarms, state, created_at_ms, level)
-             select $1, i.id, i.rope_id, $3, $4, $5, $6, $7, $8, $9, 'open', $10, $11 from inspection i where i.id = $2",
+            "insert into defect (id, inspection_id, rope_id, number, from_m, to_m, strand, wire, peak_score, alarms, state, created_at_ms, level, rank,
+               angle_deg, suggestion)
+             select $1, i.id, i.rope_id, $3, $4, $5, $6, $7, $8, $9, 'open', $10, $11, $12, $13, $14 from inspection i where i.id = $2",
         )
         .bind(id)
         .bind(inspection)
@@ -105,6 +112,9 @@ pub(super) async fn insert(
             Level::Alarm => ALARM,
             Level::LookAgain => LOOK_AGAIN,
         })
+        .bind(defect.rank.map(|rank| rank as i64))
+        .bind(defect.angle_deg)
+        .bind(defect.suggestion.as_ref().map(|s| serde_json::json!(s).to_string()))
         .execute(&mut *connection)
         .await?;
         if let Some(ticket_level) = ticket_level
@@ -160,6 +170,23 @@ impl Defect {
             row: self.id.to_string(),
             value: e.to_string(),
         })
+    }
+}
+
+impl Defect {
+    /// What it is likely to be.
+    pub fn suggestion(&self) -> Result<Option<Suggestion>, StoreError> {
+        self.suggestion
+            .as_deref()
+            .map(|json| {
+                serde_json::from_str(json).map_err(|e| StoreError::Inconsistent {
+                    table: "defect",
+                    column: "suggestion",
+                    row: self.id.to_string(),
+                    value: e.to_string(),
+                })
+            })
+            .transpose()
     }
 }
 

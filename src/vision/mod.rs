@@ -91,6 +91,7 @@ mod fitting;
 pub mod histogram;
 pub mod image;
 pub mod inspection_model;
+pub mod kind;
 mod lock;
 mod measuring;
 pub mod model_contour;

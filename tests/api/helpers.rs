@@ -4,8 +4,12 @@ use ropescope::clock::SystemClock;
 use ropescope::config::Settings;
 use ropescope::http::auth;
 use ropescope::pipeline::budget::{self, BudgetFit};
+use ropescope::pipeline::fit::ModelFit;
 use ropescope::pipeline::found::{Found, FoundDefects};
-use ropescope::pipeline::results::{AlarmRow, DefectRow, LayLengthRow, Level, NotCovered, Summary, Threshold};
+use ropescope::pipeline::learning_curve::LearningPoint;
+use ropescope::pipeline::results::{
+    AlarmRow, DefectRow, Kind, LayLengthRow, Level, NotCovered, Suggestion, Summary, Threshold,
+};
 use ropescope::pipeline::{
     Acquisition, Budget, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions,
     TrainReport,
@@ -53,6 +57,19 @@ fn toy_budget(budget: Budget) -> BudgetFit {
     }
 }
 
+/// The toy's models never fit.
+fn toy_fit() -> ModelFit {
+    ModelFit {
+        fits: false,
+        budget_per_100m: 2.0,
+        false_defects_per_100m: Some(31.4),
+        at_least_per_100m: Some(20.0),
+        at_most_per_100m: Some(48.0),
+        metres: 0.02,
+        views: vec![],
+    }
+}
+
 /// Stands in for vision: writes a small results folder, or waits to be stopped.
 #[derive(Default)]
 pub struct ToyEngine {
@@ -94,6 +111,10 @@ impl Engine for ToyEngine {
             threshold: TRAINED_THRESHOLD,
             threshold_origin: "a toy".into(),
             budget: Some(toy_budget(options.budget)),
+            intact: vec![],
+            learning_curve: [0.5, 1.0]
+                .map(|metres| LearningPoint { metres, nats_per_pixel: 1.0 - 0.1 / metres })
+                .to_vec(),
             seconds: 0.1,
             notes: vec![],
         })
@@ -196,6 +217,7 @@ impl Engine for ToyEngine {
             }),
             defects: found,
             look_again: found,
+            fit: options.model_path.as_ref().map(|_| toy_fit()),
             seconds: 0.1,
             metres_per_second: 1.0,
             notes: vec![],
@@ -213,7 +235,19 @@ fn defect(acquisition: &Acquisition) -> DefectRow {
         to_m: acquisition.position_m(45),
         strand: Some(2),
         wire: None,
+        angle_deg: Some(300.0),
         peak_score: 9.0,
+        rank: Some(1),
+        suggestion: Some(Suggestion {
+            kind: Kind::Gap,
+            why: "dark over 4 mm".into(),
+            length_mm: 4.0,
+            width_wires: 1.0,
+            area_mm2: 5.5,
+            gray_steps: -6.0,
+            texture: 1.2,
+            beyond_outline_mm: 0.0,
+        }),
         alarms: vec![alarm],
     }
 }
@@ -227,10 +261,9 @@ fn look_again(acquisition: &Acquisition, line: usize) -> DefectRow {
         level: Level::LookAgain,
         from_m: acquisition.position_m(line),
         to_m: acquisition.position_m(line + 1),
-        strand: None,
-        wire: None,
         peak_score: 5.0,
         alarms: vec![alarm],
+        ..DefectRow::default()
     }
 }
 

@@ -3,7 +3,7 @@
 use ropescope::clock::{Clock, ManualClock};
 use ropescope::pipeline::Budget;
 use ropescope::pipeline::found::{Found, FoundDefects};
-use ropescope::pipeline::results::{DefectRow, Level};
+use ropescope::pipeline::results::DefectRow;
 use ropescope::store::acquisitions::NewAcquisition;
 use ropescope::store::frames::Frame;
 use ropescope::store::jobs::{Cancellation, Enqueued, NewJob, Task};
@@ -300,16 +300,7 @@ async fn findings_need_the_lease_and_go_with_a_new_claim_and_with_every_end() {
     let queue = Queue::new().await;
     let found = || {
         let alarms = vec![];
-        let defect = DefectRow {
-            id: 0,
-            level: Level::Alarm,
-            from_m: 0.1,
-            to_m: 0.2,
-            strand: None,
-            wire: None,
-            peak_score: 7.0,
-            alarms,
-        };
+        let defect = DefectRow { from_m: 0.1, to_m: 0.2, peak_score: 7.0, alarms, ..DefectRow::default() };
         [Found { lay_lengths: vec![], defects: FoundDefects { from: 0, rows: vec![defect] } }]
     };
     let told = async |job: Id| queue.store.provisional_defects(job, 0).await.unwrap().defects.len();

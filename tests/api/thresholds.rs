@@ -115,8 +115,13 @@ async fn places_to_look_at_again_are_listed_apart_from_defects_and_can_be_confir
     assert_eq!((again.len(), &again[0]["level"], &again[0]["peak_score"]), (1, &json!("look_again"), &json!(5.0)));
     assert_eq!(both, [defects, again.clone()].concat());
     let id = again[0]["defect_id"].as_str().unwrap();
+    let surface_alarms = async || {
+        app.admin.get(&format!("inspections/{inspection}/surface-alarms")).await.ok(200)["surface_alarms"].clone()
+    };
+    assert_eq!(surface_alarms().await, json!(1));
     let verdict = json!({ "verdict": "confirmed", "by": "A. Inspector" });
     assert_eq!(app.admin.post(&format!("defects/{id}/verdict"), verdict).await.ok(200)["state"], "confirmed");
+    assert_eq!(surface_alarms().await, json!(2), "what was confirmed counts, whatever its level");
     let summary = app.admin.get(&format!("inspections/{inspection}")).await.ok(200)["summary"].clone();
     assert_eq!((&summary["defects"], &summary["look_again"]), (&json!(1), &json!(1)));
     assert_eq!(summary["threshold"]["look_again_line_score"], json!(4.8));
@@ -135,9 +140,24 @@ async fn a_training_is_told_what_false_alarms_may_cost() {
     assert_eq!(fit["budget"], json!({ "reinspect_m_per_100m": 1.1 }));
     assert!((fit["alarm"]["false_defects_per_100m"].as_f64().unwrap() - 10.0).abs() < 1e-6, "{fit}");
     assert!(fit["alarm"]["at_least_per_100m"].as_f64() < fit["alarm"]["at_most_per_100m"].as_f64());
+    assert_eq!(model["trained_on"]["learning_curve"][1]["metres"], json!(1.0));
+    let sentence = model["trained_on"]["was_it_enough"].as_str().unwrap();
+    assert!(sentence.starts_with("more rope would help: the last 0.5 m"), "{sentence}");
     for wrong in [json!({ "false_defects_per_100m": 0.01 }), json!({ "reinspect_m_per_100m": 50 })] {
         let problem = app.admin.post("jobs", train(wrong)).await.problem(422, "out-of-range");
         assert_eq!(problem["field"], "budget");
     }
     app.admin.post("jobs", train(json!({ "false_defects": 2 }))).await.problem(400, "malformed-body");
+}
+
+#[tokio::test]
+async fn a_model_that_no_longer_fits_is_said_with_figures_and_counted() {
+    let app = TestApp::start().await;
+    assert!(app.admin.get("/metrics").await.text().contains("ropescope_ropes_with_unfit_model 0"));
+    let (_, _, inspection) = app.admin.inspected().await;
+    let fit = app.admin.get(&format!("inspections/{inspection}")).await.ok(200)["summary"]["fit"].clone();
+    assert_eq!((&fit["fits"], &fit["false_defects_per_100m"]), (&json!(false), &json!(31.4)));
+    let warning = fit["warning"].as_str().unwrap();
+    assert!(warning.contains("31 false defects per 100 m (20 to 48 with 95 %)"), "{warning}");
+    assert!(app.admin.get("/metrics").await.text().contains("ropescope_ropes_with_unfit_model 1"));
 }
