@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 const BEYOND_BUDGET: f64 = 3.0;
 /// Rope beside an alarm that is left out, in mm: filters along the wire reach so far, the longest twice.
 const BESIDE_ALARM_MM: f64 = 40.0;
+/// Share of the rope over the threshold, or beside it, from which on that is no matter of defects.
+const MOST_ALARMED: f64 = 0.5;
 /// Least rope without alarms that is judged by its scores, in m.
 const LEAST_M: f64 = 1.0;
 /// Line scores are counted in bins: width, lowest, and number.
@@ -56,6 +58,9 @@ pub struct ModelFit {
     pub at_most_per_100m: Option<f64>,
     /// Metres of rope without alarms that this rests on.
     pub metres: f64,
+    /// Share of the rope over the threshold or beside it, where nothing is compared.
+    #[serde(default)]
+    pub alarmed_share: f64,
     /// The views that were seen.
     pub views: Vec<ViewFit>,
 }
@@ -63,6 +68,13 @@ pub struct ModelFit {
 impl ModelFit {
     /// What a person should know; `None` while the model fits.
     pub fn warning(&self) -> Option<String> {
+        if !self.fits && self.alarmed_share > MOST_ALARMED {
+            return Some(format!(
+                "this model no longer fits this rope: {:.0} % of it are over the threshold or beside such places, which is no matter of \
+                 defects: retrain on intact rope as it looks now",
+                100.0 * self.alarmed_share
+            ));
+        }
         let (rate, low, high) = (self.false_defects_per_100m?, self.at_least_per_100m?, self.at_most_per_100m?);
         let budget = self.budget_per_100m;
         (!self.fits).then(|| {
@@ -117,12 +129,15 @@ pub(super) struct IntactRope {
     views: Vec<Counts>,
     peaks: Vec<f32>,
     metres: f64,
+    seen_m: f64,
 }
 
 impl IntactRope {
     /// Adds a stretch in all views, without what is over `threshold` and the rope beside it.
     pub fn add(&mut self, views: &[Option<StretchScores>], threshold: f64, block_mm: f64) {
         let mut over_views = over_views(views);
+        let metres = |blocks: &[f32]| blocks.iter().filter(|s| s.is_finite()).count() as f64 * block_mm / 1000.0;
+        self.seen_m += metres(&over_views);
         let reach = (BESIDE_ALARM_MM / block_mm).ceil() as usize;
         let alarmed: Vec<usize> = (0..over_views.len()).filter(|&b| f64::from(over_views[b]) > threshold).collect();
         for block in alarmed {
@@ -136,7 +151,7 @@ impl IntactRope {
             intact.for_each(|(&score, _)| counts.add(score));
         }
         self.peaks.extend(peaks(&over_views, block_mm).into_iter().map(|(_, score)| score));
-        self.metres += over_views.iter().filter(|s| s.is_finite()).count() as f64 * block_mm / 1000.0;
+        self.metres += metres(&over_views);
     }
 
     /// Highest scores, one an event.
@@ -166,8 +181,10 @@ impl IntactRope {
         let beyond = rate.is_some_and(|rate| rate > BEYOND_BUDGET * allowed)
             && between.is_some_and(|(low, _)| 100.0 * low > allowed);
         let views = trained.iter().zip(self.scores()).enumerate();
+        let alarmed_share = if self.seen_m >= LEAST_M { 1.0 - self.metres / self.seen_m } else { 0.0 };
         ModelFit {
-            fits: !beyond,
+            fits: !beyond && alarmed_share <= MOST_ALARMED,
+            alarmed_share,
             budget_per_100m: allowed,
             false_defects_per_100m: rate,
             at_least_per_100m: between.map(|(low, _)| 100.0 * low),
@@ -250,6 +267,14 @@ mod tests {
             let warning = fit.warning().unwrap();
             assert!(warning.contains("no longer fits") && warning.contains("instead of 2"), "{warning}");
         }
+    }
+
+    #[test]
+    fn rope_that_is_over_the_threshold_all_along_does_not_fit_although_nothing_is_left_to_compare() {
+        let (budget, scores) = trained();
+        let fit = rope(10.0, 30.0, 0.6, false).fit(&budget, &scores);
+        assert!(!fit.fits && fit.metres == 0.0, "{fit:?}");
+        assert!(fit.warning().unwrap().contains("100 % of it"), "{:?}", fit.warning());
     }
 
     #[test]

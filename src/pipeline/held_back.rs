@@ -14,8 +14,8 @@ const FOLDS: usize = 4;
 /// Evidence of held-back stretches: `[view][stretch][factor]`.
 pub(super) type Held = Vec<Vec<Vec<Evidence>>>;
 
-/// The scores of all stretches that every view has, `[stretch][view]`. `None` if there are fewer than two, or too little in them
-/// to calibrate.
+/// The scores of all stretches that every view has, `[stretch][view]`; a single one can only be judged by itself. `None` if there is
+/// none, or too little in them to calibrate.
 pub(super) fn cross_scored(
     views: &[ViewAppearance],
     held: &Held,
@@ -23,7 +23,7 @@ pub(super) fn cross_scored(
     pitch_mm: f64,
 ) -> Option<Vec<Vec<Option<StretchScores>>>> {
     // A view that missed a stretch is out of step: then only as many as all have count.
-    let stretches = held.iter().map(Vec::len).min().filter(|&n| n >= 2)?;
+    let stretches = held.iter().map(Vec::len).min().filter(|&n| n > 0)?;
     let folds = FOLDS.min(stretches);
     let mut scored: Vec<Vec<Option<StretchScores>>> = vec![vec![None; views.len()]; stretches];
     for fold in 0..folds {
@@ -34,7 +34,7 @@ pub(super) fn cross_scored(
             .map(|(view, held)| {
                 let mut view = view.clone();
                 let others: Vec<&[Evidence]> =
-                    (0..stretches).filter(|s| !of_fold(s)).map(|s| held[s].as_slice()).collect();
+                    (0..stretches).filter(|s| stretches == 1 || !of_fold(s)).map(|s| held[s].as_slice()).collect();
                 let calibrated = view.calibrate(&others, pitch_mm);
                 let judged = (0..stretches).filter(of_fold);
                 calibrated.then(|| judged.map(|s| view.score(held[s].clone(), pitch_mm)).collect())

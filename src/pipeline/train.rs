@@ -147,6 +147,9 @@ pub fn train(
     scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
     let budget = BudgetFit::of(options.budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
     let mut notes = Vec::new();
+    if scored.len() == 1 {
+        notes.push("only one stretch could be held back, so its scores are those of rope that calibrated them and the threshold is too low: train on 2 m or more".to_owned());
+    }
     if budget.left_out > 0 {
         notes.push(format!(
             "{} places of the held-back rope look like defects and were left out of the threshold: inspect the range with this model and \

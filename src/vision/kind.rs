@@ -112,8 +112,8 @@ pub enum Kind {
     Unclear,
 }
 
-/// Outside the model's outline from here on, in mm: edges of sound rope stay within half of it.
-const PROTRUDES_MM: f64 = 0.5;
+/// Outside the model's outline from here on, in mm: sound rope and flat damage stay within it.
+const PROTRUDES_MM: f64 = 0.55;
 /// Darker than expected from here on, in gray steps: a hole and not a stain.
 const HOLE_STEPS: f64 = -4.0;
 /// A gap longer than this is a missing wire, in mm, reach of the filters included.
@@ -121,7 +121,7 @@ const MISSING_MM: f64 = 22.0;
 /// A hole is narrower than this, in wires, reach of the filters included.
 const HOLE_WIRES: f64 = 3.0;
 /// Texture of a damaged surface from here on.
-const ROUGH: f64 = 1.6;
+const ROUGH: f64 = 1.5;
 /// Gray of a damaged surface from here on, in gray steps either way.
 const STAIN_STEPS: f64 = 2.0;
 
@@ -129,15 +129,16 @@ impl Figures {
     /// What it is likely to be, and why, in words.
     pub fn kind(&self) -> (Kind, String) {
         let (length, width, gray) = (self.length_mm, self.width_wires, self.gray_steps);
+        // The ends of an interrupted wire often stand out, too: the gap is the worse of both.
+        if gray <= HOLE_STEPS && width <= HOLE_WIRES {
+            let kind = if length >= MISSING_MM { Kind::MissingWire } else { Kind::Gap };
+            return (kind, format!("dark ({gray:.1} gray steps) over {length:.0} mm, {width:.1} wires wide"));
+        }
         if self.beyond_outline_mm >= PROTRUDES_MM {
             return (
                 Kind::ProtrudingWire,
                 format!("{:.1} mm outside the outline of the model", self.beyond_outline_mm),
             );
-        }
-        if gray <= HOLE_STEPS && width <= HOLE_WIRES {
-            let kind = if length >= MISSING_MM { Kind::MissingWire } else { Kind::Gap };
-            return (kind, format!("dark ({gray:.1} gray steps) over {length:.0} mm, {width:.1} wires wide"));
         }
         if self.texture >= ROUGH || gray.abs() >= STAIN_STEPS {
             let change = format!("{gray:+.1} gray steps, {:.1} times the usual texture", self.texture);
@@ -171,7 +172,8 @@ mod tests {
         assert_eq!(kind(Figures { gray_steps: -6.0, length_mm: 60.0, ..SOUND }), Kind::MissingWire);
         assert_eq!(kind(Figures { gray_steps: -6.0, width_wires: 6.0, ..SOUND }), Kind::SurfaceChange);
         assert_eq!(kind(Figures { texture: 2.5, ..SOUND }), Kind::SurfaceChange);
-        assert_eq!(kind(Figures { beyond_outline_mm: 1.2, gray_steps: -6.0, ..SOUND }), Kind::ProtrudingWire);
+        assert_eq!(kind(Figures { beyond_outline_mm: 1.2, texture: 2.5, ..SOUND }), Kind::ProtrudingWire);
+        assert_eq!(kind(Figures { beyond_outline_mm: 0.7, gray_steps: -6.0, ..SOUND }), Kind::Gap, "its ends stand up");
         let (_, why) = Figures { gray_steps: -6.0, length_mm: 60.0, ..SOUND }.kind();
         assert_eq!(why, "dark (-6.0 gray steps) over 60 mm, 1.5 wires wide");
     }

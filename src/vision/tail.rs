@@ -9,7 +9,7 @@ const APART_MM: f64 = 20.0;
 /// Share of the peaks that are the tail.
 const TAIL_SHARE: f64 = 0.6;
 /// Fewest peaks that make a tail.
-const LEAST_PEAKS: usize = 6;
+const LEAST_PEAKS: usize = 4;
 /// Shape that tails of intact rope have, and its spread from rope to rope.
 /// Measured on simulated ropes of several constructions, 25 m each, by the rate at which their scores go on beyond a training's.
 const SHAPE: (f64, f64) = (0.03, 0.08);

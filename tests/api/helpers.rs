@@ -66,6 +66,7 @@ fn toy_fit() -> ModelFit {
         at_least_per_100m: Some(20.0),
         at_most_per_100m: Some(48.0),
         metres: 0.02,
+        alarmed_share: 0.0,
         views: vec![],
     }
 }

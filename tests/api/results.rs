@@ -196,6 +196,9 @@ async fn a_defect_says_where_round_the_rope_it_is_how_it_ranks_and_what_it_is_li
         let at = csv.lines().next().unwrap().split(',').position(|head| head == name).unwrap();
         csv.lines().nth(row).unwrap().split(',').nth(at).unwrap().to_owned()
     };
-    assert_eq!((column(1, "level").as_str(), column(1, "kind").as_str(), column(1, "area_mm2").as_str()), ("alarm", "gap", "5.5"));
+    assert_eq!(
+        (column(1, "level").as_str(), column(1, "kind").as_str(), column(1, "area_mm2").as_str()),
+        ("alarm", "gap", "5.5")
+    );
     assert_eq!((column(2, "level").as_str(), column(2, "kind").as_str()), ("look_again", ""), "no figures, no kind");
 }
