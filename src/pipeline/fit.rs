@@ -5,7 +5,7 @@
 
 use super::budget::BudgetFit;
 use crate::vision::scoring::StretchScores;
-use crate::vision::tail::{Tail, peaks};
+use crate::vision::tail::{Tail, base_of, peaks};
 use serde::{Deserialize, Serialize};
 
 /// How many times the budget may be exceeded before it is said: less is not known better from metres of training.
@@ -172,9 +172,12 @@ impl IntactRope {
     /// How this rope fits a training.
     pub fn fit(&self, budget: &BudgetFit, trained: &[Option<IntactScores>]) -> ModelFit {
         let threshold = budget.alarm.line_score;
-        let tail = Some(self.metres)
-            .filter(|&metres| metres >= LEAST_M)
-            .and_then(|metres| Tail::over(budget.tail_from, &self.peaks, threshold, metres));
+        let tail = Some(self.metres).filter(|&metres| metres >= LEAST_M).and_then(|metres| {
+            // Where all peaks are higher, the tail begins higher, too.
+            let under: Vec<f32> = self.peaks.iter().copied().filter(|&p| f64::from(p) < threshold).collect();
+            let base = base_of(&under)?.max(budget.tail_from);
+            Tail::over(base, &under, threshold, metres)
+        });
         let rate = tail.as_ref().map(|tail| 100.0 * tail.rate(threshold));
         let between = tail.as_ref().map(|tail| tail.rate_between(threshold));
         let allowed = budget.alarm.false_defects_per_100m;

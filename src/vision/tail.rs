@@ -154,7 +154,7 @@ impl Tail {
                 inner += 1;
                 continue;
             };
-            if rest.rate_between(next).1 * metres * OUTLIER_ROPES < 1.0 {
+            if rest.rate(next) * metres * OUTLIER_ROPES < 1.0 {
                 break;
             }
             inner += 1;
