@@ -7,7 +7,7 @@ use super::results_out::ResultsOut;
 use super::run_progress::{Watcher, say};
 use anyhow::ensure;
 use clap::ValueEnum;
-use ropescope::pipeline::results::LineScoreFormat;
+use ropescope::pipeline::results::{LineScoreFormat, Threshold};
 use ropescope::pipeline::{InspectOptions, inspect};
 use std::io::Write;
 use std::path::PathBuf;
@@ -18,7 +18,7 @@ const STAGES: &[&str] = &["inspect"];
 /// Measures lay lengths and, with a model, finds defects.
 ///
 /// DIR is an acquisition folder: rope.json and the frames of each view (view0/frame_000000.png, ...). RESULTS gets
-/// lay_lengths.csv, displacement.csv and summary.json; with --model also line_scores.csv and defects.json. What could not be
+/// lay_lengths.csv, displacement.csv and summary.json; with --model also line_scores.csv, defects.json and look_again.json. What could not be
 /// measured is left empty with a reason, and what was not inspected is listed in metres: it is not intact, it is unknown.
 #[derive(clap::Args)]
 #[command(after_long_help = "Examples:
@@ -56,6 +56,9 @@ pub(crate) struct InspectArgs {
     /// Line score above which a line is an alarm [default: the model's own]
     #[arg(long, value_name = "SCORE", requires = "model", allow_negative_numbers = true)]
     threshold: Option<f64>,
+    /// Line score above which a place is worth looking at again [default: as far under the threshold as the model's own]
+    #[arg(long, value_name = "SCORE", requires = "threshold", allow_negative_numbers = true)]
+    look_again: Option<f64>,
     /// One JSON object on standard output, progress as JSON lines on standard error
     #[arg(long)]
     json: bool,
@@ -74,6 +77,9 @@ pub(crate) fn run(args: InspectArgs) -> anyhow::Result<()> {
     if let Some(threshold) = args.threshold {
         ensure!(threshold.is_finite(), "--threshold is {threshold}, but must be a finite number");
     }
+    if let (Some(again), Some(threshold)) = (args.look_again, args.threshold) {
+        ensure!(again <= threshold, "--look-again is {again}, but must not be over --threshold, which is {threshold}");
+    }
     let recording = Recording::open(&args.folder)?;
     let given_contours = match args.contours {
         ContoursArg::Measured => None,
@@ -83,7 +89,9 @@ pub(crate) fn run(args: InspectArgs) -> anyhow::Result<()> {
     let options = InspectOptions {
         model_path: args.model,
         maps: args.maps,
-        threshold: args.threshold,
+        threshold: args
+            .threshold
+            .map(|score| Threshold { look_again_line_score: args.look_again, ..Threshold::by_hand(score) }),
         line_scores: LineScoreFormat::Csv,
         given_contours,
     };

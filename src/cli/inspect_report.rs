@@ -2,7 +2,7 @@
 
 use anyhow::Context;
 use ropescope::pipeline::Acquisition;
-use ropescope::pipeline::results::{DefectRow, LayLengthRow, Summary};
+use ropescope::pipeline::results::{DefectRow, Kind, LayLengthRow, Summary};
 use ropescope::workers::results_folder;
 use serde::Serialize;
 use std::fmt;
@@ -67,6 +67,8 @@ pub(crate) struct Report {
     wire_lays: Vec<MeanLay>,
     /// `None` without a model.
     defects: Option<Vec<DefectRow>>,
+    /// Places under the threshold that are worth looking at again; `None` without a second level.
+    look_again: Option<Vec<DefectRow>>,
     files: Vec<PathBuf>,
 }
 
@@ -78,7 +80,15 @@ impl Report {
         let design = acquisition.rope.design();
         let wire = |j: usize| fused.iter().map(move |row| row.wires.get(j).and_then(|w| w.lay_mm));
         let strands = acquisition.rope.strands();
-        let names = ["lay_lengths.csv", "displacement.csv", "line_scores.csv", "defects.json", "summary.json", "maps"];
+        let names = [
+            "lay_lengths.csv",
+            "displacement.csv",
+            "line_scores.csv",
+            "defects.json",
+            "look_again.json",
+            "summary.json",
+            "maps",
+        ];
         Ok(Self {
             event: "done",
             results: folder.into(),
@@ -87,6 +97,10 @@ impl Report {
             wire_lays: (0..strands).map(|j| MeanLay::of(design.wire_lay_mm, wire(j))).collect(),
             defects: match summary.defects {
                 Some(_) => Some(results_folder::defects(folder).context("the results cannot be read back")?),
+                None => None,
+            },
+            look_again: match summary.look_again {
+                Some(_) => Some(results_folder::look_again(folder).context("the results cannot be read back")?),
                 None => None,
             },
             files: names.iter().map(|name| folder.join(name)).filter(|path| path.exists()).collect(),
@@ -113,6 +127,17 @@ impl fmt::Display for Report {
         if let Some(threshold) = &s.threshold {
             writeln!(f, "threshold   line score {:.3}: {}", threshold.line_score, threshold.origin)?;
         }
+        if let Some(fit) = &s.fit
+            && let (Some(rate), Some(low), Some(high)) =
+                (fit.false_defects_per_100m, fit.at_least_per_100m, fit.at_most_per_100m)
+        {
+            writeln!(
+                f,
+                "model fit   about {rate:.1} false defects per 100 m of this rope ({low:.1} to {high:.1} with 95 %), made for {}: {}",
+                fit.budget_per_100m,
+                if fit.fits { "it fits" } else { "retrain" }
+            )?;
+        }
         self.write_defects(f)?;
         self.write_gaps(f)?;
         for note in &s.notes {
@@ -130,26 +155,12 @@ impl Report {
             return writeln!(f, "defects     not looked for: that needs --model");
         };
         writeln!(f, "defects     {}", defects.len())?;
-        for d in defects.iter().take(MOST_DEFECTS) {
-            let part = |name: &str, number: Option<usize>| number.map_or_else(String::new, |n| format!(", {name} {n}"));
-            let mut views: Vec<usize> = d.alarms.iter().map(|a| a.view).collect();
-            views.sort_unstable();
-            views.dedup();
-            let views: Vec<String> = views.iter().map(usize::to_string).collect();
-            writeln!(
-                f,
-                "  {:>4}      metre {:.3} to {:.3}{}{}, seen by view {}, score {:.2}",
-                d.id,
-                d.from_m,
-                d.to_m,
-                part("strand", d.strand),
-                part("wire", d.wire),
-                views.join(" "),
-                d.peak_score
-            )?;
-        }
-        if defects.len() > MOST_DEFECTS {
-            writeln!(f, "  and {} more in defects.json", defects.len() - MOST_DEFECTS)?;
+        write_places(f, defects, "defects.json")?;
+        if let (Some(places), Some(level)) =
+            (&self.look_again, self.summary.threshold.as_ref().and_then(|t| t.look_again_line_score))
+        {
+            writeln!(f, "look again  {}, over line score {level:.3} but not over the threshold", places.len())?;
+            write_places(f, places, "look_again.json")?;
         }
         Ok(())
     }
@@ -167,5 +178,45 @@ impl Report {
             writeln!(f, "  and {:.2} m more in summary.json", length(&gaps[MOST_GAPS..]))?;
         }
         Ok(())
+    }
+}
+
+fn write_places(f: &mut fmt::Formatter<'_>, defects: &[DefectRow], file: &str) -> fmt::Result {
+    for d in defects.iter().take(MOST_DEFECTS) {
+        let part = |name: &str, number: Option<usize>| number.map_or_else(String::new, |n| format!(", {name} {n}"));
+        let mut views: Vec<usize> = d.alarms.iter().map(|a| a.view).collect();
+        views.sort_unstable();
+        views.dedup();
+        let views: Vec<String> = views.iter().map(usize::to_string).collect();
+        writeln!(
+            f,
+            "  {:>4}      metre {:.3} to {:.3}{}{}, seen by view {}, score {:.2}{}",
+            d.id,
+            d.from_m,
+            d.to_m,
+            part("strand", d.strand),
+            part("wire", d.wire),
+            views.join(" "),
+            d.peak_score,
+            d.suggestion.as_ref().map_or_else(String::new, |s| format!(
+                ", likely {}: {}",
+                kind_in_words(s.kind),
+                s.why
+            ))
+        )?;
+    }
+    if defects.len() > MOST_DEFECTS {
+        writeln!(f, "  and {} more in {file}", defects.len() - MOST_DEFECTS)?;
+    }
+    Ok(())
+}
+
+fn kind_in_words(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Gap => "a gap",
+        Kind::MissingWire => "a missing wire",
+        Kind::ProtrudingWire => "a protruding wire",
+        Kind::SurfaceChange => "a changed surface",
+        Kind::Unclear => "unclear",
     }
 }

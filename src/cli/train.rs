@@ -3,8 +3,9 @@
 use super::recording::Recording;
 use super::run_progress::{Watcher, say};
 use anyhow::{Context, bail, ensure};
+use ropescope::pipeline::learning_curve::sentence;
 use ropescope::pipeline::train::is_model;
-use ropescope::pipeline::{TrainOptions, TrainReport, train};
+use ropescope::pipeline::{Budget, TrainOptions, TrainReport, train};
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
@@ -23,6 +24,8 @@ const STAGES: &[&str] = &["learn", "calibrate"];
       the whole acquisition is known to be intact
   ropescope train rope-a --out rope-a.model --to-m 4
       only its first four metres are; inspect the rest with the model
+  ropescope train rope-a --out rope-a.model --to-m 4 --false-defects-per-100m 10
+      a lower threshold: more defects are found, and more that are none
   ropescope train rope-a --out rope-a.model --from-m 120 --to-m 125 --json
       rope metres, as start_m in rope.json counts them; for scripts
 
@@ -40,13 +43,39 @@ pub(crate) struct TrainArgs {
     /// Rope metre up to which it is [default: the end]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     to_m: Option<f64>,
+    #[command(flatten)]
+    budget: BudgetArgs,
     /// One JSON object on standard output, progress as JSON lines on standard error
     #[arg(long)]
     json: bool,
 }
 
+#[derive(clap::Args)]
+#[group(multiple = false)]
+struct BudgetArgs {
+    /// What false alarms may cost, in false defects per 100 m of intact rope [default: 2]
+    #[arg(long, value_name = "N")]
+    false_defects_per_100m: Option<f64>,
+    /// The same in metres to look at in vain, with 5 cm on either side of a false defect
+    #[arg(long, value_name = "M")]
+    reinspect_m_per_100m: Option<f64>,
+}
+
+impl BudgetArgs {
+    fn budget(&self) -> anyhow::Result<Budget> {
+        let budget = match (self.false_defects_per_100m, self.reinspect_m_per_100m) {
+            (Some(n), _) => Budget::FalseDefects(n),
+            (None, Some(m)) => Budget::ReinspectM(m),
+            (None, None) => Budget::default(),
+        };
+        budget.false_defects().map_err(anyhow::Error::msg)?;
+        Ok(budget)
+    }
+}
+
 /// Runs the command.
 pub(crate) fn run(args: TrainArgs) -> anyhow::Result<()> {
+    let budget = args.budget.budget()?;
     check_out(&args)?;
     let recording = Recording::open(&args.folder)?;
     check_range(&args, &recording)?;
@@ -54,7 +83,7 @@ pub(crate) fn run(args: TrainArgs) -> anyhow::Result<()> {
     if !args.json {
         say(&format!("{}: {}", args.folder.display(), recording.describe()));
     }
-    let options = TrainOptions { from_m: args.from_m, to_m: args.to_m };
+    let options = TrainOptions { from_m: args.from_m, to_m: args.to_m, budget };
     let trained = train(&recording.acquisition, &recording.frames, options, &args.out, &watcher);
     watcher.done();
     let report = trained?;
@@ -115,6 +144,20 @@ fn summary(args: &TrainArgs, report: &TrainReport, views: usize, bytes: u64) -> 
         report.threshold,
         report.threshold_origin,
     );
+    if let Some(fit) = &report.budget {
+        text += &format!(
+            "look again  line score {:.3}: {} false places per 100 m, {:.1} to {:.1} with 95 %\n",
+            fit.look_again.line_score,
+            fit.look_again.false_defects_per_100m,
+            fit.look_again.at_least_per_100m,
+            fit.look_again.at_most_per_100m,
+        );
+    }
+    if let Some(sentence) = sentence(&report.learning_curve) {
+        let points: Vec<String> =
+            report.learning_curve.iter().map(|p| format!("{:.2} m {:.3}", p.metres, p.nats_per_pixel)).collect();
+        text += &format!("enough?     {sentence} (nats per held-back pixel: {})\n", points.join(", "));
+    }
     for note in &report.notes {
         text += &format!("note        {note}\n");
     }

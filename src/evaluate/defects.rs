@@ -30,7 +30,7 @@ pub struct Decisions {
 }
 
 #[derive(Deserialize)]
-struct ReportedDefect {
+pub(super) struct ReportedDefect {
     alarms: Vec<ReportedAlarm>,
 }
 
@@ -82,7 +82,7 @@ pub(super) fn context_lines(line_pitch_mm: f64) -> usize {
 }
 
 /// The defects with labels that each reported defect touches.
-fn touched(reported: &[ReportedDefect], sightings: &[Sighting]) -> Vec<BTreeSet<usize>> {
+pub(super) fn touched(reported: &[ReportedDefect], sightings: &[Sighting]) -> Vec<BTreeSet<usize>> {
     let reaches = |alarm: &ReportedAlarm, sighting: &Sighting| {
         sighting.view == alarm.view
             && alarm.first_line <= sighting.last_line + MARGIN_LINES

@@ -7,6 +7,7 @@ pub mod costs; // what a threshold finds, and what it costs
 pub mod curves; // ROC curves, view by view and averaged
 pub mod defects; // what was decided: found, false, metres to inspect again
 pub mod displacement;
+pub mod kinds; // what defects were taken for
 pub mod labels; // which lines of which view show a defect
 pub mod lay_lengths;
 pub mod recall; // every single defect

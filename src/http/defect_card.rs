@@ -4,12 +4,13 @@ use super::extract::Path;
 use super::frames::{KnownVersion, known};
 use super::pictures::PictureAnswer;
 use super::problem::ReadProblems;
+use super::suggestion::DefectKind;
 use super::{Problem, acquisitions, defects, inspections, ropes};
 use crate::app::App;
 use crate::drawing::why_card::{Captions, draw};
 use crate::pipeline::closeup::{CloseupError, closeup};
 use crate::pipeline::model_file::Model;
-use crate::pipeline::results::AlarmRow;
+use crate::pipeline::results::{AlarmRow, Suggestion};
 use crate::pipeline::{self, FrameFiles, PipelineError, Progress, ProgressReport};
 use crate::store::defects::Defect;
 use axum::extract::State;
@@ -86,7 +87,13 @@ async fn gather(app: &App, defect: &Defect) -> Result<Input, Problem> {
     let maps = app.store.frames(row.row.id, view).await?;
     let maps = maps.iter().map(|frame| folder.likelihood_map(inspection.id, view, frame.frame)).collect();
     Ok(Input {
-        captions: captions(defect, &rope.name, &alarms, inspection.summary()?.threshold.map(|t| t.line_score)),
+        captions: captions(
+            defect,
+            &rope.name,
+            &alarms,
+            inspection.summary()?.threshold.map(|t| t.line_score),
+            defect.suggestion()?,
+        ),
         frames: app.store.frame_files(&row).await?,
         maps: FrameFiles::new(row.row.sensor_px, vec![maps]),
         acquisition: row.rope_file(&rope.design).validate().map_err(Problem::failure)?,
@@ -95,7 +102,13 @@ async fn gather(app: &App, defect: &Defect) -> Result<Input, Problem> {
     })
 }
 
-fn captions(defect: &Defect, rope: &str, alarms: &[AlarmRow], threshold: Option<f64>) -> Captions {
+fn captions(
+    defect: &Defect,
+    rope: &str,
+    alarms: &[AlarmRow],
+    threshold: Option<f64>,
+    suggestion: Option<Suggestion>,
+) -> Captions {
     let named = |what: &str, number: Option<u32>| number.map_or(format!("{what} unknown"), |n| format!("{what} {n}"));
     let mut views: Vec<&AlarmRow> = alarms.iter().collect();
     views.sort_by(|a, b| b.peak_score.total_cmp(&a.peak_score));
@@ -114,17 +127,26 @@ fn captions(defect: &Defect, rope: &str, alarms: &[AlarmRow], threshold: Option<
         (state, None) => state.to_owned(),
     };
     let (from_m, to_m) = (defect.from_m, defect.to_m);
+    let angle = defect.angle_deg.map_or(String::new(), |angle| format!(", {angle:.0} degrees round the rope"));
+    let likely = suggestion.map(|s| {
+        let kind = DefectKind::from(s.kind).name().replace('_', " ");
+        format!("likely {kind}: {}; {:.0} mm2 over the threshold", s.why, s.area_mm2)
+    });
     Captions {
         title: format!("Surface anomaly {} of {rope}: {decision}", defect.number),
-        facts: vec![
-            format!(
-                "rope metre {from_m:.4} to {to_m:.4} ({:.1} mm), {}, {}",
+        facts: [
+            Some(format!(
+                "rope metre {from_m:.4} to {to_m:.4} ({:.1} mm), {}, {}{angle}",
                 (to_m - from_m) * 1000.0,
                 named("strand", defect.strand),
                 named("wire", defect.wire)
-            ),
-            scores,
-        ],
+            )),
+            Some(scores),
+            likely,
+        ]
+        .into_iter()
+        .flatten()
+        .collect(),
     }
 }
 

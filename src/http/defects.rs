@@ -5,7 +5,8 @@ use super::extract::{Json, Path, Query};
 use super::pages::{PageQuery, page_of};
 use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{MAX_NAME, check_text};
-use super::tables::{CsvTable, FormatQuery, cell, wants_csv};
+use super::suggestion::{DefectKind, Suggestion};
+use super::tables::{CsvTable, cell, wants_csv};
 use super::{Problem, inspections, times};
 use crate::app::App;
 use crate::pipeline::results::AlarmRow;
@@ -64,6 +65,52 @@ pub enum DefectState {
     Dismissed,
 }
 
+/// How sure it is that something is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DefectLevel {
+    /// Over the threshold: a defect.
+    Alarm,
+    /// Over the second level only: worth looking at again.
+    LookAgain,
+}
+
+/// Which levels.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LevelFilter {
+    /// Defects only.
+    #[default]
+    Alarm,
+    /// Places to look at again only.
+    LookAgain,
+    /// Both.
+    Any,
+}
+
+impl LevelFilter {
+    fn name(self) -> Option<&'static str> {
+        match self {
+            Self::Alarm => Some(defects::ALARM),
+            Self::LookAgain => Some(defects::LOOK_AGAIN),
+            Self::Any => None,
+        }
+    }
+}
+
+/// Which of the places that an inspection found.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct LevelQuery {
+    /// `json` (default) or `csv`; else as the Accept header asks.
+    #[param(inline)]
+    format: Option<super::tables::Format>,
+    /// `alarm` (default): defects; `look_again`: places under the threshold that are worth a second look; `any`: both.
+    #[param(inline)]
+    #[serde(default)]
+    level: LevelFilter,
+}
+
 /// A decision, with who made it.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Decision {
@@ -102,8 +149,10 @@ pub struct Defect {
     inspection_id: Uuid,
     /// The rope.
     rope_id: Uuid,
-    /// Number within the inspection, from 0, along the rope.
+    /// Number within the inspection, from 0: defects along the rope, then places to look at again along it.
     number: u32,
+    /// Which threshold it is over.
+    level: DefectLevel,
     /// Rope metre where it begins.
     from_m: f64,
     /// Rope metre where it ends.
@@ -114,8 +163,17 @@ pub struct Defect {
     /// Wire in the strand, if it is known.
     #[schema(required)]
     wire: Option<u32>,
+    /// Angle of its peak round the rope, rope axes: 0 faces a camera at angle 0; null in inspections of earlier versions.
+    #[schema(required)]
+    angle_deg: Option<f64>,
     /// Highest line score of its alarms.
     peak_score: f64,
+    /// 1 for the highest peak of its level, and so on; null in inspections of earlier versions.
+    #[schema(required)]
+    rank: Option<u32>,
+    /// What it is likely to be; null in inspections of earlier versions.
+    #[schema(required)]
+    suggestion: Option<Suggestion>,
     /// Its alarms.
     alarms: Vec<Alarm>,
     /// What people decided.
@@ -147,6 +205,10 @@ pub struct DefectFilter {
     /// Only those in this state.
     #[param(inline)]
     state: Option<DefectState>,
+    /// `alarm` (default): defects; `look_again`: places under the threshold that are worth a second look; `any`: both.
+    #[param(inline)]
+    #[serde(default)]
+    level: LevelFilter,
 }
 
 /// What a person decides.
@@ -178,6 +240,7 @@ impl TryFrom<defects::Defect> for Defect {
 
     fn try_from(row: defects::Defect) -> Result<Self, StoreError> {
         let alarms = row.alarms()?.into_iter().map(Alarm::from);
+        let suggestion = row.suggestion()?.map(Suggestion::from);
         let state = match row.state.as_str() {
             "confirmed" => DefectState::Confirmed,
             "dismissed" => DefectState::Dismissed,
@@ -198,11 +261,15 @@ impl TryFrom<defects::Defect> for Defect {
             inspection_id: row.inspection_id.0,
             rope_id: row.rope_id.0,
             number: row.number,
+            level: if row.level == defects::LOOK_AGAIN { DefectLevel::LookAgain } else { DefectLevel::Alarm },
             from_m: row.from_m,
             to_m: row.to_m,
             strand: row.strand,
             wire: row.wire,
+            angle_deg: row.angle_deg,
             peak_score: row.peak_score,
+            rank: row.rank,
+            suggestion,
             alarms: alarms.collect(),
             state,
             verdict,
@@ -219,38 +286,49 @@ page_of!(
 
 /// Defects of an inspection, along the rope
 #[utoipa::path(get, path = "/inspections/{id}/defects", tag = "inspections",
-    params(("id" = Uuid, Path, description = "The inspection"), FormatQuery),
+    params(("id" = Uuid, Path, description = "The inspection"), LevelQuery),
     responses((status = 200, description = "Its defects", content((DefectList = "application/json"), (String = "text/csv"))), ReadProblems))]
 pub async fn get_inspection_defects(
     State(app): State<App>,
     Path(id): Path<Uuid>,
-    Query(query): Query<FormatQuery>,
+    Query(query): Query<LevelQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     inspections::load(&app, id).await?;
-    let rows = app.store.defects_of(Id(id)).await?;
+    let rows = app.store.found_in(Id(id), query.level.name()).await?;
     if wants_csv(query.format, &headers) {
         let mut table = CsvTable::new(&[
             "defect_id",
             "number",
+            "level",
             "from_m",
             "to_m",
             "strand",
             "wire",
+            "angle_deg",
             "peak_score",
+            "rank",
+            "kind",
+            "area_mm2",
             "alarms",
             "state",
             "ticket_number",
         ])?;
         for row in rows {
+            let suggestion = row.suggestion()?;
             table.row(&[
                 row.id.to_string(),
                 row.number.to_string(),
+                row.level.clone(),
                 row.from_m.to_string(),
                 row.to_m.to_string(),
                 cell(row.strand),
                 cell(row.wire),
+                cell(row.angle_deg),
                 row.peak_score.to_string(),
+                cell(row.rank),
+                cell(suggestion.as_ref().map(|s| DefectKind::from(s.kind).name())),
+                cell(suggestion.as_ref().map(|s| s.area_mm2)),
                 row.alarms()?.len().to_string(),
                 row.state,
                 cell(row.ticket_number),
@@ -275,7 +353,9 @@ pub async fn list_defects(
         DefectState::Confirmed => "confirmed",
         DefectState::Dismissed => "dismissed",
     });
-    Ok(axum::Json(app.store.defects(filter.rope_id.map(Id), state, page.request()?).await?.try_into()?))
+    Ok(axum::Json(
+        app.store.defects(filter.rope_id.map(Id), state, filter.level.name(), page.request()?).await?.try_into()?,
+    ))
 }
 
 /// The defect of a path.

@@ -67,6 +67,7 @@ pub async fn get_metrics(State(app): State<App>) -> Result<impl IntoResponse, Pr
     let (queued, running) = app.store.job_counts().await?;
     metrics::gauge!("ropescope_jobs_queued").set(queued as f64);
     metrics::gauge!("ropescope_jobs_running").set(running as f64);
+    metrics::gauge!("ropescope_ropes_with_unfit_model").set(app.store.ropes_with_unfit_model().await? as f64);
     recorder.run_upkeep();
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], recorder.render()))
 }

@@ -1,6 +1,7 @@
 //! Inspections: what a job concluded about one acquisition with one model and one threshold.
 
 use super::extract::{Path, Query};
+use super::model_fit::ModelFit;
 use super::pages::{PageQuery, page_of};
 use super::problem::ReadProblems;
 use super::{Problem, times};
@@ -30,7 +31,10 @@ pub struct NotCovered {
 pub struct Threshold {
     /// Lines with a score above it are alarms.
     line_score: f64,
-    /// How it was found.
+    /// Lines with a score above it, but not above `line_score`, are worth looking at again; null: there is no second level.
+    #[schema(required)]
+    look_again_line_score: Option<f64>,
+    /// How it was found, or who set it.
     origin: String,
 }
 
@@ -58,6 +62,12 @@ pub struct Summary {
     /// Number of defects; null without a model.
     #[schema(required)]
     defects: Option<usize>,
+    /// Number of places that are no defects but worth looking at again; null without a second level.
+    #[schema(required)]
+    look_again: Option<usize>,
+    /// Whether the model still fits this rope; null without a model that knows.
+    #[schema(required)]
+    fit: Option<ModelFit>,
     /// Wall-clock seconds of the run.
     seconds: f64,
     /// Metres of rope (all views) per second.
@@ -105,7 +115,7 @@ impl From<results::NotCovered> for NotCovered {
 
 impl From<results::Threshold> for Threshold {
     fn from(t: results::Threshold) -> Self {
-        Self { line_score: t.line_score, origin: t.origin }
+        Self { line_score: t.line_score, look_again_line_score: t.look_again_line_score, origin: t.origin }
     }
 }
 
@@ -121,6 +131,8 @@ impl From<results::Summary> for Summary {
             not_covered: s.not_covered.into_iter().map(NotCovered::from).collect(),
             threshold: s.threshold.map(Threshold::from),
             defects: s.defects,
+            look_again: s.look_again,
+            fit: s.fit.map(ModelFit::from),
             seconds: s.seconds,
             metres_per_second: s.metres_per_second,
             notes: s.notes,

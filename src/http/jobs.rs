@@ -2,6 +2,7 @@
 
 use super::Problem;
 use super::acquisitions;
+use super::budgets::Budget;
 use super::completion::incomplete;
 use super::extract::{Json, Path, Query};
 use super::job::{Job, JobState};
@@ -33,6 +34,8 @@ pub enum NewJob {
         from_m: Option<f64>,
         /// Rope metre up to which it is, else to the end.
         to_m: Option<f64>,
+        /// What false alarms may cost, else 2 false defects per 100 m; the thresholds follow from it.
+        budget: Option<Budget>,
         /// A repeated request with the same key is the same job.
         #[schema(min_length = 1, max_length = 200)]
         idempotency_key: Option<String>,
@@ -74,9 +77,10 @@ pub struct JobFilter {
 
 fn read(app: &App, body: NewJob) -> Result<Row, Problem> {
     let (id, acquisition_id, task, idempotency_key) = match body {
-        NewJob::Train { id, acquisition_id, from_m, to_m, idempotency_key } => {
+        NewJob::Train { id, acquisition_id, from_m, to_m, budget, idempotency_key } => {
             super::lay_lengths::range_m(from_m, to_m, None)?;
-            (id, acquisition_id, Task::Train { from_m, to_m }, idempotency_key)
+            let budget = budget.map(Budget::check).transpose()?.unwrap_or_default();
+            (id, acquisition_id, Task::Train { from_m, to_m, budget }, idempotency_key)
         }
         NewJob::Inspect { id, acquisition_id, live, model_id, threshold, idempotency_key } => {
             let task = Task::Inspect { model_id: model_id.map(Id), threshold, live };

@@ -1,11 +1,13 @@
 //! Appearance models: versioned per rope, with what they were trained on.
 
+use super::budgets::BudgetFit;
 use super::extract::{Path, Query};
 use super::frames::{Image, KnownVersion, known, repr_digest};
 use super::pages::{PageQuery, page_of};
 use super::problem::ReadProblems;
 use super::{Problem, times};
 use crate::app::App;
+use crate::pipeline::learning_curve;
 use crate::store::{Id, StoreError, models};
 use axum::body::Body;
 use axum::extract::State;
@@ -32,10 +34,33 @@ pub struct TrainedOn {
     threshold: f64,
     /// How the threshold was found.
     threshold_origin: String,
+    /// Both thresholds with the budget that they are made for; null in models of earlier versions.
+    #[schema(required)]
+    budget: Option<BudgetFit>,
+    /// What the model would have known with less rope; empty in models of earlier versions.
+    learning_curve: Vec<LearningPoint>,
+    /// Whether more rope would help, as a sentence; null in models of earlier versions.
+    #[schema(required)]
+    was_it_enough: Option<String>,
     /// Wall-clock seconds of the run.
     seconds: f64,
     /// What else a person should know.
     notes: Vec<String>,
+}
+
+/// What a model of so many metres knows of rope that it has not seen.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct LearningPoint {
+    /// Metres learnt from, mean of the views.
+    metres: f64,
+    /// Mean logarithm of the likelihood of a held-back pixel, over that of knowing nothing, in nats.
+    nats_per_pixel: f64,
+}
+
+impl From<learning_curve::LearningPoint> for LearningPoint {
+    fn from(p: learning_curve::LearningPoint) -> Self {
+        Self { metres: p.metres, nats_per_pixel: p.nats_per_pixel }
+    }
 }
 
 /// An appearance model.
@@ -86,6 +111,9 @@ impl TryFrom<models::Model> for Model {
                 learnt_view_m: report.learnt_view_m,
                 threshold: report.threshold,
                 threshold_origin: report.threshold_origin,
+                budget: report.budget.map(BudgetFit::from),
+                was_it_enough: learning_curve::sentence(&report.learning_curve),
+                learning_curve: report.learning_curve.into_iter().map(LearningPoint::from).collect(),
                 seconds: report.seconds,
                 notes: report.notes,
             },

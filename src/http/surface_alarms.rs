@@ -13,6 +13,7 @@ use crate::app::App;
 use crate::pipeline::results;
 use crate::pipeline::windows::{Span, Tally, series, windows_of};
 use crate::store::Id;
+use crate::store::defects::{ALARM, Defect};
 use crate::store::lay_lengths::Stretch;
 use crate::store::ropes::Design;
 use axum::extract::State;
@@ -111,9 +112,10 @@ pub async fn get_surface_alarms(
     let rope = Span { from_m: start_m, to_m: start_m + summary.metres };
     let design = ropes::load(&app, inspection.rope_id.0).await?.design;
     let stretches = app.store.lay_lengths(Id(id), None, rope.from_m, rope.to_m).await?;
-    let defects = app.store.defects_of(Id(id)).await?;
-    let spans: Vec<Span> =
-        defects.iter().filter(|d| d.state != "dismissed").map(|d| Span { from_m: d.from_m, to_m: d.to_m }).collect();
+    let found = app.store.found_in(Id(id), None).await?;
+    // A place to look at again counts as soon as somebody has looked and confirmed it.
+    let counts = |d: &&Defect| d.state == "confirmed" || (d.level == ALARM && d.state != "dismissed");
+    let spans: Vec<Span> = found.iter().filter(counts).map(|d| Span { from_m: d.from_m, to_m: d.to_m }).collect();
     let counter = Counter { rope, tally: Tally::new(&spans), not_covered: &summary.not_covered };
     let mut left = MAX_WINDOWS;
     let windows = rope_windows::load(&app, inspection.rope_id)

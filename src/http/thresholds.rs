@@ -8,6 +8,7 @@ use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{MAX_NAME, check_text};
 use super::{Problem, times};
 use crate::app::App;
+use crate::pipeline::TrainReport;
 use crate::store::Id;
 use crate::store::model_thresholds::{ModelThreshold, Moved};
 use axum::Extension;
@@ -28,6 +29,9 @@ pub struct ThresholdVersion {
     version: u32,
     /// Lines with a score above it are alarms.
     line_score: f64,
+    /// Lines with a score above it, but not above `line_score`, are worth looking at again; null in models without a second level.
+    #[schema(required)]
+    look_again_line_score: Option<f64>,
     /// How it was found, or who set it and why.
     origin: String,
     /// When.
@@ -52,6 +56,10 @@ pub struct NewThreshold {
     /// Lines with a score above it are alarms.
     #[schema(minimum = 0, maximum = 1000)]
     line_score: f64,
+    /// Lines with a score above it, but not above `line_score`, are worth looking at again; else it lies as far under it as the
+    /// trained one.
+    #[schema(minimum = 0, maximum = 1000)]
+    look_again_line_score: Option<f64>,
     /// Who sets it; else the name of the token.
     #[schema(min_length = 1, max_length = 200)]
     by: Option<String>,
@@ -60,12 +68,15 @@ pub struct NewThreshold {
     reason: String,
 }
 
-impl From<ModelThreshold> for ThresholdVersion {
-    fn from(row: ModelThreshold) -> Self {
+impl ThresholdVersion {
+    /// A threshold as inspections with the model judge by it.
+    fn new(row: ModelThreshold, report: &TrainReport) -> Self {
+        let decides = report.decides_by(Some(&row.decides()));
         Self {
             version: row.version,
-            line_score: row.line_score,
-            origin: row.origin(),
+            line_score: decides.line_score,
+            look_again_line_score: decides.look_again_line_score,
+            origin: decides.origin,
             set_at: times::rfc3339(row.created_at_ms),
         }
     }
@@ -89,14 +100,16 @@ pub async fn list_thresholds(
 ) -> Result<axum::Json<ThresholdList>, Problem> {
     let model = models::load(&app, id).await?;
     let report = model.report()?;
+    let decides = report.decides_by(None);
     let trained = ThresholdVersion {
         version: 0,
-        line_score: report.threshold,
-        origin: report.threshold_origin,
+        line_score: decides.line_score,
+        look_again_line_score: decides.look_again_line_score,
+        origin: decides.origin,
         set_at: times::rfc3339(model.created_at_ms),
     };
     let set = app.store.model_thresholds(Id(id)).await?;
-    let items = set.into_iter().map(ThresholdVersion::from).chain([trained]).collect();
+    let items = set.into_iter().map(|row| ThresholdVersion::new(row, &report)).chain([trained]).collect();
     Ok(axum::Json(ThresholdList { items, next_cursor: None }))
 }
 
@@ -118,10 +131,17 @@ pub async fn put_threshold(
     check_text("by", &set_by, 1, MAX_NAME)?;
     check_text("reason", &body.reason, 1, MAX_COMMENT)?;
     let line_score = check_line_score(body.line_score)?;
+    if let Some(look_again) = body.look_again_line_score
+        && !(0.0..=line_score).contains(&look_again)
+    {
+        return Err(Problem::outside("look_again_line_score", look_again, 0.0, line_score));
+    }
+    let report = models::load(&app, id).await?.report()?;
     let new = ModelThreshold {
         model_id: Id(id),
         version,
         line_score,
+        look_again_line_score: body.look_again_line_score,
         set_by,
         reason: body.reason,
         created_at_ms: app.now_ms(),
@@ -137,5 +157,5 @@ pub async fn put_threshold(
         }
         Moved::NoModel => return Err(Problem::no("model", id)),
     };
-    Ok((status, axum::Json(ThresholdVersion::from(row))).into_response())
+    Ok((status, axum::Json(ThresholdVersion::new(row, &report))).into_response())
 }

@@ -1,8 +1,10 @@
 //! Scores aligned stretches with a model, and gathers alarms, line scores and likelihood maps.
 
+use super::fit::{IntactRope, ModelFit};
 use super::found::{DefectsSoFar, FoundDefects};
 use super::model_file::Model;
-use super::results::{AlarmRow, DefectRow};
+use super::results::{AlarmRow, DefectRow, Level, Suggestion, Threshold};
+use super::signs::Looker;
 use super::tables::LineValues;
 use super::{Acquisition, PipelineError};
 use crate::vision::aligner::AlignedStretch;
@@ -24,16 +26,41 @@ pub(super) struct Detection<'a> {
     model: &'a Model,
     threshold: f64,
     builders: Vec<AlarmBuilder>,
+    /// The same over the second level, and that level; none if there is no such level.
+    again: Option<(f64, Vec<AlarmBuilder>)>,
     so_far: DefectsSoFar,
     line_scores: LineValues,
+    intact: IntactRope,
+}
+
+/// What a model found on the whole rope.
+pub(super) struct Findings {
+    /// The defects, along the rope.
+    pub defects: Vec<DefectRow>,
+    /// Places to look at again, along the rope; `None` without a second level.
+    pub look_again: Option<Vec<DefectRow>>,
+    /// The line scores, to be written.
+    pub line_scores: LineValues,
+    /// Whether the model fits the rope; `None` if it does not know how intact rope scores.
+    pub fit: Option<ModelFit>,
 }
 
 impl<'a> Detection<'a> {
     /// Nothing found yet.
-    pub fn new(acquisition: &'a Acquisition, model: &'a Model, threshold: f64, line_scores: LineValues) -> Self {
-        let builder = |v| AlarmBuilder::new(v, threshold, acquisition.line_pitch_mm);
-        let builders = (0..model.views.len()).map(builder).collect();
-        Self { acquisition, model, threshold, builders, so_far: DefectsSoFar::default(), line_scores }
+    pub fn new(acquisition: &'a Acquisition, model: &'a Model, threshold: &Threshold, line_scores: LineValues) -> Self {
+        let builders = |level: f64| -> Vec<AlarmBuilder> {
+            (0..model.views.len()).map(|v| AlarmBuilder::new(v, level, acquisition.line_pitch_mm)).collect()
+        };
+        Self {
+            acquisition,
+            model,
+            threshold: threshold.line_score,
+            builders: builders(threshold.line_score),
+            again: threshold.look_again_line_score.map(|level| (level, builders(level))),
+            so_far: DefectsSoFar::default(),
+            line_scores,
+            intact: IntactRope::default(),
+        }
     }
 
     /// Scores a stretch; answers its likelihood maps if they are wanted (white where nothing was judged).
@@ -63,6 +90,9 @@ impl<'a> Detection<'a> {
             .map(|v| Some(model.views[v].score(aligned(v)?.evidence(&model.views[v]), pitch_mm)))
             .collect();
         join_views(&mut scored, rope.strands());
+        let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
+        self.intact.add(&scored, model.report.threshold, block_mm);
+        let gray = |v: usize| model.views[v].factors.first().map(|factor| &factor.appearance);
         let sensor_px = self.acquisition.sensor_px as usize;
         let drawn: Vec<GrayImage> = self
             .builders
@@ -72,12 +102,23 @@ impl<'a> Detection<'a> {
                 let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) else {
                     return if maps { white(sensor_px, stretch.lines) } else { GrayImage::default() };
                 };
+                let looker = Looker::new(seen, scores, gray(v));
                 builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
-                    alarmed_columns(&seen, scores, block, threshold as f32)
+                    looker.look(block, threshold)
                 });
                 if maps { likelihood_map(&seen, scores) } else { GrayImage::default() }
             })
             .collect();
+        if let Some((level, builders)) = &mut self.again {
+            for (v, builder) in builders.iter_mut().enumerate() {
+                if let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) {
+                    let looker = Looker::new(seen, scores, gray(v));
+                    builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
+                        looker.look(block, *level)
+                    });
+                }
+            }
+        }
         let mut images = Vec::new();
         for (v, (scores, map)) in scored.into_iter().zip(drawn).enumerate() {
             let of_line = |k: usize| scores.as_ref().map_or(f32::NAN, |s| s.blocks[k / s.block_lines]);
@@ -92,25 +133,58 @@ impl<'a> Detection<'a> {
         self.so_far.look(self.acquisition, &self.builders, next_line)
     }
 
-    /// The defects, and the line scores to be written.
-    pub fn finish(self) -> (Vec<DefectRow>, LineValues) {
-        let alarms = self.builders.into_iter().flat_map(AlarmBuilder::finish).collect();
-        let defects = merge(alarms, self.acquisition.line_pitch_mm);
-        let rows = defects.iter().enumerate().map(|(id, d)| defect_row(self.acquisition, id, d)).collect();
-        (rows, self.line_scores)
+    /// What was found on the whole rope.
+    pub fn finish(self) -> Findings {
+        let ranked = |mut rows: Vec<DefectRow>| {
+            let mut order: Vec<usize> = (0..rows.len()).collect();
+            order.sort_by(|&a, &b| rows[b].peak_score.total_cmp(&rows[a].peak_score).then(a.cmp(&b)));
+            order.into_iter().enumerate().for_each(|(place, row)| rows[row].rank = Some(place + 1));
+            rows
+        };
+        let pitch_mm = self.acquisition.line_pitch_mm;
+        let merged = |builders: Vec<AlarmBuilder>| {
+            merge(builders.into_iter().flat_map(AlarmBuilder::finish).collect(), pitch_mm)
+        };
+        let defects = merged(self.builders);
+        let again = self.again.map(|(_, builders)| beside(merged(builders), &defects));
+        let row = |(id, defect): (usize, &Defect)| defect_row(self.acquisition, id, defect);
+        let again = again.map(|again| {
+            let places = again.iter().enumerate().map(|(n, place)| row((defects.len() + n, place)));
+            ranked(places.map(|place| DefectRow { level: Level::LookAgain, ..place }).collect())
+        });
+        let report = &self.model.report;
+        Findings {
+            defects: ranked(defects.iter().enumerate().map(row).collect()),
+            look_again: again,
+            fit: report.budget.as_ref().map(|budget| self.intact.fit(budget, &report.intact)),
+            line_scores: self.line_scores,
+        }
     }
+}
+
+/// Those places that share no line with a defect: the others are the defects themselves, a little longer. Both run along the rope.
+fn beside(places: Vec<Defect>, defects: &[Defect]) -> Vec<Defect> {
+    let touches = |place: &Defect, defect: &Defect| {
+        place.first_line() <= defect.last_line() && defect.first_line() <= place.last_line()
+    };
+    places.into_iter().filter(|place| !defects.iter().any(|defect| touches(place, defect))).collect()
 }
 
 /// A defect as the tables show it.
 pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) -> DefectRow {
     let peak = defect.peak();
+    let figures = defect.figures();
     DefectRow {
         id,
+        level: Level::Alarm,
         from_m: acquisition.position_m(defect.first_line()),
         to_m: acquisition.position_m(defect.last_line() + 1),
         strand: peak.map(|p| p.strand),
         wire: peak.map(|p| p.wire),
+        angle_deg: figures.map(|f| f.angle_rad.to_degrees().rem_euclid(360.0)),
         peak_score: peak.map_or(0.0, |p| p.peak_score),
+        rank: None,
+        suggestion: figures.map(Suggestion::from),
         alarms: defect
             .alarms
             .iter()
@@ -128,28 +202,6 @@ pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) 
 
 fn white(width: usize, lines: usize) -> GrayImage {
     GrayImage::new(width, vec![255; width * lines]).unwrap_or_default()
-}
-
-fn alarmed_columns(
-    seen: &AlignedView<'_>,
-    scores: &StretchScores,
-    block: usize,
-    threshold: f32,
-) -> Option<(usize, usize)> {
-    let line = (block * scores.block_lines + scores.block_lines / 2).min(seen.view.image.lines() - 1);
-    let mut columns: Option<(usize, usize)> = None;
-    let row = block * seen.rope.strands() * scores.places;
-    // A block may be over the threshold by its neighbours' help: then its highest place stands for it.
-    let (strand, place) = scores.peaks[block];
-    let limit = threshold.min(scores.cells[row + strand * scores.places + place]);
-    seen.surface_map().for_each(line, seen.view.axis_px[line], |point| {
-        let cell = row + point.strand * scores.places + point.place;
-        if scores.cells[cell] >= limit {
-            columns =
-                Some(columns.map_or((point.column, point.column), |(a, b)| (a.min(point.column), b.max(point.column))));
-        }
-    });
-    columns
 }
 
 /// The likelihood map of a stretch: dark is unlikely, white is usual, was not judged or is no rope.

@@ -2,10 +2,11 @@
 
 use super::detection::Detection;
 use super::drive::Drive;
+use super::fit::ModelFit;
 use super::found::Found;
 use super::maps::MapWriter;
 use super::model_file::Model;
-use super::results::{DefectRow, LineScoreFormat, NotCovered, Summary, Threshold};
+use super::results::{LineScoreFormat, NotCovered, Summary, Threshold};
 use super::tables::{LayLengthTable, LineValues, lay_length_rows, write_error};
 use super::{Acquisition, FrameSource, PipelineError, Progress};
 use crate::vision::aligner::AlignedStretch;
@@ -18,8 +19,9 @@ pub struct InspectOptions {
     pub model_path: Option<PathBuf>,
     /// Write likelihood maps as `maps/view{v}/frame_{n:06}.png`.
     pub maps: bool,
-    /// Line score above which a line is an alarm; `None`: the model's own.
-    pub threshold: Option<f64>,
+    /// Line score above which a line is an alarm, with who says so; `None`: the model's own. Without a second level, it lies as far
+    /// under the first as the model's own.
+    pub threshold: Option<Threshold>,
     /// How to store line scores.
     pub line_scores: LineScoreFormat,
     /// Contours measured elsewhere, `contours[view]`: (lower, upper) per line in px; used instead of extraction.
@@ -54,13 +56,10 @@ pub fn inspect(
     let views = acquisition.view_angles_rad.len();
     let mut lay_lengths = LayLengthTable::create(results_folder.join("lay_lengths.csv"), acquisition.rope.strands())?;
     let mut displacement = LineValues::create(results_folder, views)?;
-    let threshold = model.as_ref().map(|m| match options.threshold {
-        Some(line_score) => Threshold { line_score, origin: "set by hand for this inspection".into() },
-        None => Threshold { line_score: m.report.threshold, origin: m.report.threshold_origin.clone() },
-    });
+    let threshold = model.as_ref().map(|m| m.report.decides_by(options.threshold.as_ref()));
     let mut detection = match (&model, &threshold) {
         (Some(model), Some(threshold)) => {
-            Some(Detection::new(acquisition, model, threshold.line_score, LineValues::create(results_folder, views)?))
+            Some(Detection::new(acquisition, model, threshold, LineValues::create(results_folder, views)?))
         }
         _ => None,
     };
@@ -95,15 +94,20 @@ pub fn inspect(
     if let Some(maps) = maps {
         maps.finish()?;
     }
-    let mut defects = None;
+    let (mut defects, mut look_again, mut fit) = (None, None, None);
     if let Some(detection) = detection {
-        let (rows, scores) = detection.finish();
+        let found = detection.finish();
         match options.line_scores {
-            LineScoreFormat::Csv => scores.write_csv("line_scores.csv", "view,line,score", false, 4)?,
-            LineScoreFormat::Binary => scores.write_binary("line_scores")?,
+            LineScoreFormat::Csv => found.line_scores.write_csv("line_scores.csv", "view,line,score", false, 4)?,
+            LineScoreFormat::Binary => found.line_scores.write_binary("line_scores")?,
         }
-        write_json(&results_folder.join("defects.json"), &rows)?;
-        defects = Some(rows);
+        write_json(&results_folder.join("defects.json"), &found.defects)?;
+        if let Some(again) = &found.look_again {
+            write_json(&results_folder.join("look_again.json"), again)?;
+            look_again = Some(again.len());
+        }
+        defects = Some(found.defects.len());
+        fit = found.fit;
     }
     let seconds = (started.elapsed() - reader.waited()).as_secs_f64();
     let summary = Summary {
@@ -118,10 +122,12 @@ pub fn inspect(
         covered_view_m: coverage.covered_view_m,
         not_covered: coverage.not_covered,
         threshold,
-        defects: defects.as_ref().map(Vec::<DefectRow>::len),
+        defects,
+        look_again,
         seconds,
         metres_per_second: total_m / seconds.max(1e-9),
-        notes: Vec::new(),
+        notes: fit.iter().filter_map(ModelFit::warning).collect(),
+        fit,
     };
     write_json(&results_folder.join("summary.json"), &summary)?;
     Ok(summary)

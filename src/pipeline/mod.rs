@@ -1,11 +1,15 @@
 //! Drives `vision` over an acquisition, wherever its frames come from.
 
 pub mod acquisition;
+pub mod budget;
 pub mod closeup;
 mod detection;
 mod drive;
+pub mod fit;
 pub mod found;
+mod held_back;
 pub mod inspect;
+pub mod learning_curve;
 mod maps;
 pub mod model_file;
 pub mod preview;
@@ -13,6 +17,7 @@ pub mod profile;
 pub mod progress;
 pub mod rejudge;
 pub mod results;
+mod signs;
 pub mod source;
 pub mod stretches;
 pub mod tables;
@@ -20,6 +25,7 @@ pub mod train;
 pub mod windows;
 
 pub use acquisition::{Acquisition, AcquisitionError, RopeFile};
+pub use budget::Budget;
 pub use found::Found;
 pub use inspect::{InspectOptions, inspect};
 pub use progress::{Progress, ProgressReport};
@@ -63,6 +69,9 @@ pub enum PipelineError {
         /// Metres that are needed.
         needed_m: f64,
     },
+    /// What false alarms may cost was asked for in a number that makes no sense.
+    #[error("{0}")]
+    Budget(String),
     /// The results could not be written.
     #[error("cannot write {path}: {source}")]
     Write {

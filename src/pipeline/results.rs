@@ -1,5 +1,7 @@
 //! The tables of an inspection and the results folder that holds them (design: lay lengths, displacement, line scores, defects, summary).
 
+use super::fit::ModelFit;
+use crate::vision::kind::{self, Figures};
 use serde::{Deserialize, Serialize};
 
 /// One stretch of rope as one view saw it, or all views together.
@@ -59,11 +61,84 @@ pub struct AlarmRow {
     pub peak_score: f64,
 }
 
-/// Alarms of one cause, merged over lines, wires and views.
+/// What a defect is likely to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// A wire is interrupted.
+    Gap,
+    /// A wire is not there over a longer stretch.
+    MissingWire,
+    /// A wire stands out of the rope.
+    ProtrudingWire,
+    /// The surface is changed: worn, corroded, burnt, cut.
+    SurfaceChange,
+    /// The figures decide for nothing.
+    Unclear,
+}
+
+/// What a defect is likely to be, with the figures that say so. People decide.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Suggestion {
+    /// The kind.
+    pub kind: Kind,
+    /// Why, in words.
+    pub why: String,
+    /// Length of what is over the threshold along the rope in mm, in the view with the peak, reach of the filters included.
+    pub length_mm: f64,
+    /// Mean width of it across the wires, in wires.
+    pub width_wires: f64,
+    /// Surface of it as that view sees it, in mm2.
+    pub area_mm2: f64,
+    /// Mean deviation from the expected gray on the wire with the peak, in steps of the 32 of the model's gray scale; negative is darker.
+    pub gray_steps: f64,
+    /// Change of gray along that wire, as a multiple of that of the rope beside it.
+    pub texture: f64,
+    /// Farthest that the rope's edge is outside the model's outline in any view, in mm.
+    pub beyond_outline_mm: f64,
+}
+
+impl From<Figures> for Suggestion {
+    fn from(figures: Figures) -> Self {
+        let (kind, why) = figures.kind();
+        Self {
+            kind: match kind {
+                kind::Kind::Gap => Kind::Gap,
+                kind::Kind::MissingWire => Kind::MissingWire,
+                kind::Kind::ProtrudingWire => Kind::ProtrudingWire,
+                kind::Kind::SurfaceChange => Kind::SurfaceChange,
+                kind::Kind::Unclear => Kind::Unclear,
+            },
+            why,
+            length_mm: figures.length_mm,
+            width_wires: figures.width_wires,
+            area_mm2: figures.area_mm2,
+            gray_steps: figures.gray_steps,
+            texture: figures.texture,
+            beyond_outline_mm: figures.beyond_outline_mm,
+        }
+    }
+}
+
+/// How sure it is that something is there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Level {
+    /// Over the threshold: a defect.
+    #[default]
+    Alarm,
+    /// Over the second level only: worth looking at again.
+    LookAgain,
+}
+
+/// Alarms of one cause, merged over lines, wires and views.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DefectRow {
-    /// Number within the inspection, from 0, along the rope.
+    /// Number within the inspection, from 0: defects along the rope, then places to look at again along it.
     pub id: usize,
+    /// Which threshold it is over.
+    #[serde(default)]
+    pub level: Level,
     /// Rope metre where it begins.
     pub from_m: f64,
     /// Rope metre where it ends.
@@ -72,8 +147,17 @@ pub struct DefectRow {
     pub strand: Option<usize>,
     /// Wire in the strand, if it is known.
     pub wire: Option<usize>,
+    /// Angle of its peak round the rope in degrees, rope axes: 0 faces a camera at angle 0.
+    #[serde(default)]
+    pub angle_deg: Option<f64>,
     /// Highest line score of its alarms.
     pub peak_score: f64,
+    /// 1 for the highest peak of its level, and so on; `None` while the inspection runs.
+    #[serde(default)]
+    pub rank: Option<usize>,
+    /// What it is likely to be.
+    #[serde(default)]
+    pub suggestion: Option<Suggestion>,
     /// Its alarms.
     pub alarms: Vec<AlarmRow>,
 }
@@ -96,8 +180,18 @@ pub struct NotCovered {
 pub struct Threshold {
     /// Lines with a score above it are alarms.
     pub line_score: f64,
-    /// How it was found, such as `held-back intact rope, 2 false defects per 100 m`.
+    /// Lines with a score above it, but not above `line_score`, are worth looking at again; `None`: there is no second level.
+    #[serde(default)]
+    pub look_again_line_score: Option<f64>,
+    /// How it was found, such as `automatic, budget 2 false defects per 100 m, ..`, or who set it.
     pub origin: String,
+}
+
+impl Threshold {
+    /// A threshold that somebody sets for one inspection.
+    pub fn by_hand(line_score: f64) -> Self {
+        Self { line_score, look_again_line_score: None, origin: "set by hand for this inspection".into() }
+    }
 }
 
 /// `summary.json`.
@@ -121,6 +215,12 @@ pub struct Summary {
     pub threshold: Option<Threshold>,
     /// Number of defects; `None` without a model.
     pub defects: Option<usize>,
+    /// Number of places that are no defects but worth looking at again; `None` without a second level.
+    #[serde(default)]
+    pub look_again: Option<usize>,
+    /// Whether the model still fits this rope; `None` without a model that knows.
+    #[serde(default)]
+    pub fit: Option<ModelFit>,
     /// Wall-clock seconds of the run, without those in which it waited for frames.
     pub seconds: f64,
     /// Metres of rope (all views) per second.

@@ -2,18 +2,30 @@
 
 use super::outbox::{self, Cause, DefectFacts};
 use super::{Id, Page, PageRequest, Store, StoreError};
-use crate::pipeline::results::{AlarmRow, DefectRow};
+use crate::pipeline::results::{AlarmRow, DefectRow, Level, Suggestion};
 use sqlx::SqliteConnection;
+
+/// Levels as they are stored: over the threshold, and over the second one only.
+pub const ALARM: &str = "alarm";
+/// See [`ALARM`].
+pub const LOOK_AGAIN: &str = "look_again";
 
 /// A defect.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
-#[expect(missing_docs, reason = "migrations/0004_results.sql says what each column means")]
+#[expect(
+    missing_docs,
+    reason = "migrations/0004_results.sql, 0031_levels.sql and 0032_kinds.sql say what each column means"
+)]
 pub struct Defect {
     pub seq: i64,
     pub id: Id,
     pub inspection_id: Id,
     pub rope_id: Id,
     pub number: u32,
+    pub level: String,
+    pub rank: Option<u32>,
+    pub angle_deg: Option<f64>,
+    pub suggestion: Option<String>,
     pub from_m: f64,
     pub to_m: f64,
     pub strand: Option<u32>,
@@ -69,7 +81,7 @@ pub(super) async fn insert(
     defects: &[(Id, DefectRow)],
     now_ms: i64,
 ) -> Result<(), StoreError> {
-    let level: Option<f64> =
+    let ticket_level: Option<f64> =
         sqlx::query_scalar("select r.ticket_level from inspection i join rope r on r.id = i.rope_id where i.id = $1")
             .bind(inspection)
             .fetch_one(&mut *connection)
@@ -82,8 +94,9 @@ pub(super) async fn insert(
             value: e.to_string(),
         })?;
         sqlx::query(
-            "insert into defect (id, inspection_id, rope_id, number, from_m, to_m, strand, wire, peak_score, alarms, state, created_at_ms)
-             select $1, i.id, i.rope_id, $3, $4, $5, $6, $7, $8, $9, 'open', $10 from inspection i where i.id = $2",
+            "insert into defect (id, inspection_id, rope_id, number, from_m, to_m, strand, wire, peak_score, alarms, state, created_at_ms, level, rank,
+               angle_deg, suggestion)
+             select $1, i.id, i.rope_id, $3, $4, $5, $6, $7, $8, $9, 'open', $10, $11, $12, $13, $14 from inspection i where i.id = $2",
         )
         .bind(id)
         .bind(inspection)
@@ -95,9 +108,17 @@ pub(super) async fn insert(
         .bind(defect.peak_score)
         .bind(alarms)
         .bind(now_ms)
+        .bind(match defect.level {
+            Level::Alarm => ALARM,
+            Level::LookAgain => LOOK_AGAIN,
+        })
+        .bind(defect.rank.map(|rank| rank as i64))
+        .bind(defect.angle_deg)
+        .bind(defect.suggestion.as_ref().map(|s| serde_json::json!(s).to_string()))
         .execute(&mut *connection)
         .await?;
-        if let Some(ticket_level) = level
+        if let Some(ticket_level) = ticket_level
+            && defect.level == Level::Alarm
             && defect.peak_score >= ticket_level
         {
             enqueue_ticket(connection, *id, Cause::Level { ticket_level }, now_ms).await?;
@@ -152,6 +173,23 @@ impl Defect {
     }
 }
 
+impl Defect {
+    /// What it is likely to be.
+    pub fn suggestion(&self) -> Result<Option<Suggestion>, StoreError> {
+        self.suggestion
+            .as_deref()
+            .map(|json| {
+                serde_json::from_str(json).map_err(|e| StoreError::Inconsistent {
+                    table: "defect",
+                    column: "suggestion",
+                    row: self.id.to_string(),
+                    value: e.to_string(),
+                })
+            })
+            .transpose()
+    }
+}
+
 impl Store {
     /// A defect.
     pub async fn defect(&self, id: Id) -> Result<Option<Defect>, StoreError> {
@@ -160,27 +198,37 @@ impl Store {
 
     /// Defects of an inspection, along the rope.
     pub async fn defects_of(&self, inspection: Id) -> Result<Vec<Defect>, StoreError> {
-        Ok(sqlx::query_as("select * from defect where inspection_id = $1 order by number")
-            .bind(inspection)
-            .fetch_all(self.reader())
-            .await?)
+        self.found_in(inspection, Some(ALARM)).await
     }
 
-    /// Defects, page by page; of one rope and in one state if asked.
+    /// What an inspection found over one level, along the rope; over any, defects come first.
+    pub async fn found_in(&self, inspection: Id, level: Option<&str>) -> Result<Vec<Defect>, StoreError> {
+        Ok(sqlx::query_as(
+            "select * from defect where inspection_id = $1 and ($2 is null or level = $2) order by number",
+        )
+        .bind(inspection)
+        .bind(level)
+        .fetch_all(self.reader())
+        .await?)
+    }
+
+    /// Defects, page by page; of one rope, in one state and over one level if asked.
     pub async fn defects(
         &self,
         rope: Option<Id>,
         state: Option<&str>,
+        level: Option<&str>,
         page: PageRequest,
     ) -> Result<Page<Defect>, StoreError> {
         let rows = sqlx::query_as(
-            "select * from defect where ($1 is null or rope_id = $1) and ($2 is null or state = $2) and seq < $3
-             order by seq desc limit $4",
+            "select * from defect where ($1 is null or rope_id = $1) and ($2 is null or state = $2) and ($5 is null or level = $5)
+               and seq < $3 order by seq desc limit $4",
         )
         .bind(rope)
         .bind(state)
         .bind(page.before_seq())
         .bind(page.fetch())
+        .bind(level)
         .fetch_all(self.reader())
         .await?;
         Ok(page.page(rows, |d: &Defect| d.seq))

@@ -107,6 +107,16 @@ impl Store {
         Ok(page.page(rows, |i: &Inspection| i.seq))
     }
 
+    /// Ropes whose newest inspection with a model says that the model no longer fits.
+    pub async fn ropes_with_unfit_model(&self) -> Result<i64, StoreError> {
+        Ok(sqlx::query_scalar(
+            "select count(*) from inspection i where json_extract(i.summary, '$.fit.fits') = 0
+               and i.seq = (select max(seq) from inspection where rope_id = i.rope_id and model_id is not null)",
+        )
+        .fetch_one(self.reader())
+        .await?)
+    }
+
     /// The newest inspections with a model, newest first.
     pub async fn inspections_with(&self, model: Id, limit: u32) -> Result<Vec<Inspection>, StoreError> {
         Ok(sqlx::query_as("select * from inspection where model_id = $1 order by seq desc limit $2")

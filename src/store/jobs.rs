@@ -1,12 +1,14 @@
 //! Jobs as clients see them: ask, look, cancel. What workers do with them stands in [`super::leases`].
 
 use super::{Id, Page, PageRequest, Store, StoreError, model_thresholds};
+use crate::pipeline::Budget;
 
 /// A job.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
 #[expect(
     missing_docs,
-    reason = "migrations/0003_jobs_and_tokens.sql, 0006_thresholds.sql, 0020_live.sql and 0030_previews.sql say what each column means"
+    reason = "migrations/0003_jobs_and_tokens.sql, 0006_thresholds.sql, 0020_live.sql, 0030_previews.sql and 0031_levels.sql say what each \
+              column means"
 )]
 pub struct Job {
     pub seq: i64,
@@ -19,6 +21,7 @@ pub struct Job {
     pub threshold_version: Option<u32>,
     pub from_m: Option<f64>,
     pub to_m: Option<f64>,
+    pub budget: Option<String>,
     pub idempotency_key: Option<String>,
     pub state: String,
     pub run_at_ms: i64,
@@ -42,6 +45,21 @@ pub struct Job {
 }
 
 impl Job {
+    /// What false alarms may cost, of a training.
+    pub fn budget(&self) -> Result<Option<Budget>, StoreError> {
+        self.budget
+            .as_deref()
+            .map(|json| {
+                serde_json::from_str(json).map_err(|_| StoreError::Inconsistent {
+                    table: "job",
+                    column: "budget",
+                    row: self.id.to_string(),
+                    value: json.to_owned(),
+                })
+            })
+            .transpose()
+    }
+
     /// True when nothing more will happen to it.
     pub fn ended(&self) -> bool {
         matches!(self.state.as_str(), "succeeded" | "failed" | "cancelled")
@@ -57,6 +75,8 @@ pub enum Task {
         from_m: Option<f64>,
         /// `None`: to the end.
         to_m: Option<f64>,
+        /// What false alarms may cost.
+        budget: Budget,
     },
     /// Measure lay lengths and, with a model, find defects.
     Inspect {
@@ -120,9 +140,9 @@ pub enum Cancellation {
 impl Store {
     /// Queues a job.
     pub async fn enqueue(&self, new: &NewJob, now_ms: i64) -> Result<Enqueued, StoreError> {
-        let (kind, from_m, to_m, model_id, threshold, live) = match new.task {
-            Task::Train { from_m, to_m } => ("train", from_m, to_m, None, None, false),
-            Task::Inspect { model_id, threshold, live } => ("inspect", None, None, model_id, threshold, live),
+        let (kind, from_m, to_m, budget, model_id, threshold, live) = match new.task {
+            Task::Train { from_m, to_m, budget } => ("train", from_m, to_m, Some(budget), None, None, false),
+            Task::Inspect { model_id, threshold, live } => ("inspect", None, None, None, model_id, threshold, live),
         };
         let mut tx = self.write().await?;
         let old: Option<Job> =
@@ -139,7 +159,8 @@ impl Store {
                 && old.threshold == threshold
                 && old.live == live
                 && old.from_m == from_m
-                && old.to_m == to_m;
+                && old.to_m == to_m
+                && (kind != "train" || Some(old.budget()?.unwrap_or_default()) == budget);
             return Ok(if same { Enqueued::Same(old) } else { Enqueued::Different(old) });
         }
         let acquisition: Option<(Id, String)> = sqlx::query_as("select rope_id, state from acquisition where id = $1")
@@ -169,8 +190,8 @@ impl Store {
         };
         let job = sqlx::query_as(
             "insert into job (id, kind, rope_id, acquisition_id, model_id, threshold, threshold_version, from_m, to_m, idempotency_key,
-               live, state, run_at_ms, created_at_ms)
-             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12, $12) returning *",
+               live, state, run_at_ms, created_at_ms, budget)
+             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12, $12, $13) returning *",
         )
         .bind(new.id)
         .bind(kind)
@@ -184,6 +205,7 @@ impl Store {
         .bind(&new.idempotency_key)
         .bind(live)
         .bind(now_ms)
+        .bind(budget.map(|b| serde_json::json!(b).to_string()))
         .fetch_one(&mut *tx)
         .await?;
         tx.commit().await?;

@@ -1,6 +1,7 @@
 //! Thresholds that people set for a model after its training: numbered, never changed, with who and why.
 
 use super::{Id, Store, StoreError};
+use crate::pipeline::results::Threshold;
 use sqlx::SqliteConnection;
 
 /// A threshold that somebody set.
@@ -12,6 +13,8 @@ pub struct ModelThreshold {
     pub version: u32,
     /// Lines with a score above it are alarms.
     pub line_score: f64,
+    /// Lines above it are worth looking at again; `None`: it lies as far under the first as the trained one.
+    pub look_again_line_score: Option<f64>,
     /// Who set it.
     pub set_by: String,
     /// Why.
@@ -24,6 +27,15 @@ impl ModelThreshold {
     /// Where the threshold comes from, as a sentence for summaries.
     pub fn origin(&self) -> String {
         format!("version {} for this model, set by {}: {}", self.version, self.set_by, self.reason)
+    }
+
+    /// The threshold as inspections judge by it.
+    pub fn decides(&self) -> Threshold {
+        Threshold {
+            line_score: self.line_score,
+            look_again_line_score: self.look_again_line_score,
+            origin: self.origin(),
+        }
     }
 }
 
@@ -78,12 +90,13 @@ impl Store {
             return Ok(Moved::OutOfTurn { next });
         }
         sqlx::query(
-            "insert into model_threshold (model_id, version, line_score, set_by, reason, created_at_ms)
-             values ($1, $2, $3, $4, $5, $6)",
+            "insert into model_threshold (model_id, version, line_score, look_again_line_score, set_by, reason, created_at_ms)
+             values ($1, $2, $3, $4, $5, $6, $7)",
         )
         .bind(new.model_id)
         .bind(new.version)
         .bind(new.line_score)
+        .bind(new.look_again_line_score)
         .bind(&new.set_by)
         .bind(&new.reason)
         .bind(new.created_at_ms)

@@ -12,7 +12,7 @@ const OVERDUE: &str = "select a.id, w.name as ropeway, r.name as rope, a.frame_b
        ($1 - coalesce(a.acquired_at_ms, a.created_at_ms)) / 86400000 as age_days, w.keep_days,
        case
          when exists (select 1 from defect d join inspection i on i.id = d.inspection_id
-                      where i.acquisition_id = a.id and d.state <> 'dismissed') then 'it is evidence of defects that are open or confirmed'
+                      where i.acquisition_id = a.id and (d.state = 'confirmed' or (d.level = 'alarm' and d.state = 'open'))) then 'it is evidence of defects that are open or confirmed'
          when exists (select 1 from job j where j.acquisition_id = a.id and j.state in ('queued', 'running')) then 'a job works on it'
          when not exists (select 1 from inspection i where i.acquisition_id = a.id) then 'it was never inspected'
        end as kept_because

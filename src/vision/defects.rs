@@ -1,5 +1,6 @@
 //! From scores to alarms to defects: runs of lines over the threshold, merged over lines, wires and views.
 
+use super::kind::{Figures, Signs};
 use super::scoring::StretchScores;
 
 /// Alarms of one view nearer than this along the rope are one.
@@ -26,6 +27,17 @@ pub struct Alarm {
     pub strand: usize,
     /// Wire where the peak stands.
     pub wire: usize,
+    /// What it shows.
+    pub signs: Signs,
+}
+
+/// What a block over the threshold shows.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Look {
+    /// First and last column over the threshold.
+    pub columns: (usize, usize),
+    /// What they show.
+    pub signs: Signs,
 }
 
 /// Alarms of one cause.
@@ -50,6 +62,15 @@ impl Defect {
     pub fn peak(&self) -> Option<&Alarm> {
         self.alarms.iter().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score))
     }
+
+    /// What the view with the peak shows of it; a wire that stands out may show at the edge of any view.
+    pub fn figures(&self) -> Option<Figures> {
+        let view = self.peak()?.view;
+        let mut signs = Signs::default();
+        self.alarms.iter().filter(|alarm| alarm.view == view).for_each(|alarm| signs.join(&alarm.signs));
+        let beyond = self.alarms.iter().map(|alarm| alarm.signs.beyond_outline_mm).fold(0.0, f64::max);
+        Signs { beyond_outline_mm: beyond, ..signs }.figures()
+    }
 }
 
 /// Collects the alarms of one view over consecutive stretches.
@@ -68,15 +89,14 @@ impl AlarmBuilder {
         Self { view, threshold, gap_lines: (ALARM_GAP_MM / pitch_mm).round() as usize, open: None, done: Vec::new() }
     }
 
-    /// Adds the scores of a stretch. `columns(block)` answers the first and last column over the threshold in a block; it is asked
-    /// for alarmed blocks only.
+    /// Adds the scores of a stretch. `look(block)` answers what a block over the threshold shows; it is asked for alarmed blocks only.
     pub fn add(
         &mut self,
         first_line: usize,
         lines: usize,
         scores: &StretchScores,
         wires_per_place: f64,
-        mut columns: impl FnMut(usize) -> Option<(usize, usize)>,
+        mut look: impl FnMut(usize) -> Option<Look>,
     ) {
         for (block, &score) in scores.blocks.iter().enumerate() {
             let score = f64::from(score);
@@ -86,13 +106,14 @@ impl AlarmBuilder {
             let from = first_line + block * scores.block_lines;
             let to = (from + scores.block_lines - 1).min(first_line + lines - 1);
             let (strand, place) = scores.peaks[block];
-            let (first_column, last_column) = columns(block).unwrap_or((0, 0));
+            let Look { columns: (first_column, last_column), signs } = look(block).unwrap_or_default();
             let wire = (place as f64 * wires_per_place) as usize;
             match &mut self.open {
                 Some(open) if from <= open.last_line + self.gap_lines => {
                     open.last_line = to;
                     open.first_column = open.first_column.min(first_column);
                     open.last_column = open.last_column.max(last_column);
+                    open.signs.join(&signs);
                     if score > open.peak_score {
                         (open.peak_score, open.strand, open.wire) = (score, strand, wire);
                     }
@@ -108,6 +129,7 @@ impl AlarmBuilder {
                         peak_score: score,
                         strand,
                         wire,
+                        signs,
                     });
                 }
             }
@@ -162,7 +184,17 @@ mod tests {
     use super::*;
 
     fn alarm(view: usize, first_line: usize, last_line: usize, strand: usize, peak_score: f64) -> Alarm {
-        Alarm { view, first_line, last_line, first_column: 0, last_column: 1, peak_score, strand, wire: 0 }
+        Alarm {
+            view,
+            first_line,
+            last_line,
+            first_column: 0,
+            last_column: 1,
+            peak_score,
+            strand,
+            wire: 0,
+            signs: Signs::default(),
+        }
     }
 
     #[test]
@@ -186,8 +218,12 @@ mod tests {
             places: 45,
         };
         let mut builder = AlarmBuilder::new(0, 4.0, 0.1);
-        builder.add(0, 20, &scores(vec![1.0, 2.0, 3.0, 6.0]), 0.2, |_| Some((10, 12)));
-        builder.add(20, 20, &scores(vec![5.0, f32::NAN, 1.0, 1.0]), 0.2, |_| Some((8, 11)));
+        builder.add(0, 20, &scores(vec![1.0, 2.0, 3.0, 6.0]), 0.2, |_| {
+            Some(Look { columns: (10, 12), ..Look::default() })
+        });
+        builder.add(20, 20, &scores(vec![5.0, f32::NAN, 1.0, 1.0]), 0.2, |_| {
+            Some(Look { columns: (8, 11), ..Look::default() })
+        });
         builder.add(2000, 10, &scores(vec![9.0, 1.0]), 0.2, |_| None);
         let alarms = builder.finish();
         assert_eq!(alarms.len(), 2);

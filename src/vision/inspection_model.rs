@@ -89,10 +89,10 @@ impl ViewAppearance {
 
     /// Third pass: calibrates every filter of every factor on `stretches` of held-back intact rope (`[stretch][factor]`).
     /// False if there were too few.
-    pub fn calibrate(&mut self, stretches: &[Vec<Evidence>], pitch_mm: f64) -> bool {
+    pub fn calibrate(&mut self, stretches: &[impl AsRef<[Evidence]>], pitch_mm: f64) -> bool {
         for (f, factor) in self.factors.iter_mut().enumerate() {
             let mut sums = CalibrationSums::default();
-            stretches.iter().filter_map(|s| s.get(f)).for_each(|e| sums.add(e, pitch_mm));
+            stretches.iter().filter_map(|s| s.as_ref().get(f)).for_each(|e| sums.add(e, pitch_mm));
             match sums.calibrate() {
                 Some(calibration) => factor.calibration = calibration,
                 None => return false,

@@ -39,6 +39,7 @@ impl Failure {
             PipelineError::TooLittleRope { .. } => {
                 Self::new("too-little-rope", "There is too little aligned rope to learn from", text, false)
             }
+            PipelineError::Budget(_) => Self::new("out-of-range", "The budget makes no sense", text, false),
             PipelineError::Write { .. } => {
                 Self::new("results-not-written", "The results could not be written", text, true)
             }

@@ -74,7 +74,7 @@ impl Run<'_> {
     fn scores(&self, acquisition: &Acquisition) -> Result<Vec<f32>, PipelineError> {
         let (model_path, results) = (self.work.join("model"), self.work.join("appearance"));
         let unheard = Unheard(self.watch);
-        let options = TrainOptions { from_m: None, to_m: Some(acquisition.start_m + LEARNT_M) };
+        let options = TrainOptions { to_m: Some(acquisition.start_m + LEARNT_M), ..TrainOptions::default() };
         let learnt = self.engine.train(acquisition, self.frames, options, &model_path, &unheard)?;
         let options = InspectOptions {
             model_path: Some(model_path),

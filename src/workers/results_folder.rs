@@ -106,7 +106,15 @@ impl<'a> Row<'a> {
 
 /// Reads `defects.json`; an inspection without a model has none.
 pub fn defects(folder: &Path) -> Result<Vec<DefectRow>, ResultsError> {
-    let path = folder.join("defects.json");
+    places(folder.join("defects.json"))
+}
+
+/// Reads `look_again.json`; an inspection without a second level has none.
+pub fn look_again(folder: &Path) -> Result<Vec<DefectRow>, ResultsError> {
+    places(folder.join("look_again.json"))
+}
+
+fn places(path: PathBuf) -> Result<Vec<DefectRow>, ResultsError> {
     match std::fs::read(&path) {
         Ok(bytes) => serde_json::from_slice(&bytes).map_err(|e| ResultsError::Json { path, reason: e.to_string() }),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),

@@ -7,7 +7,7 @@ use super::preview;
 use super::results_folder;
 use super::watch::{Stop, Watch};
 use crate::app::App;
-use crate::pipeline::results::{LineScoreFormat, Summary};
+use crate::pipeline::results::{LineScoreFormat, Summary, Threshold};
 use crate::pipeline::{self, FrameSource, InspectOptions, PipelineError, TrainOptions};
 use crate::store::inspections::NewInspection;
 use crate::store::jobs::Job;
@@ -174,7 +174,7 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
     }
     let id = app.new_id();
     if job.kind == "train" {
-        let options = TrainOptions { from_m: job.from_m, to_m: job.to_m };
+        let options = TrainOptions { from_m: job.from_m, to_m: job.to_m, budget: job.budget()?.unwrap_or_default() };
         let report = engine.train(&input.acquisition, &*input.frames, options, &work, watch).map_err(pipeline)?;
         let sha256 = digest::of_file(&work)?;
         let bytes = folder::length(&work)? as i64;
@@ -187,14 +187,11 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
     let options = InspectOptions {
         model_path: input.model_path.clone(),
         maps: input.model_path.is_some(),
-        threshold: job.threshold.or(input.threshold.as_ref().map(|t| t.line_score)),
+        threshold: job.threshold.map(Threshold::by_hand).or(input.threshold.as_ref().map(ModelThreshold::decides)),
         line_scores: LineScoreFormat::Binary,
         given_contours: None,
     };
-    let mut summary = engine.inspect(&input.acquisition, &*input.frames, &options, &work, watch).map_err(pipeline)?;
-    if let (Some(set), Some(threshold)) = (&input.threshold, &mut summary.threshold) {
-        threshold.origin = set.origin();
-    }
+    let summary = engine.inspect(&input.acquisition, &*input.frames, &options, &work, watch).map_err(pipeline)?;
     let inspection = read(job, id, &summary, input, &work).map_err(NoOutput::Failed)?;
     let path = app.store.folder().inspection(id);
     folder::sync_tree(&work)?;
@@ -203,7 +200,8 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
 }
 
 fn read(job: &Job, id: Id, summary: &Summary, input: &Input, work: &Path) -> Result<NewInspection, Failure> {
-    let defects = results_folder::defects(work).map_err(Failure::of_results)?;
+    let mut defects = results_folder::defects(work).map_err(Failure::of_results)?;
+    defects.extend(results_folder::look_again(work).map_err(Failure::of_results)?);
     Ok(NewInspection {
         id,
         summary: serde_json::to_string(summary).map_err(Failure::of_results)?,

@@ -3,10 +3,16 @@
 use ropescope::clock::SystemClock;
 use ropescope::config::Settings;
 use ropescope::http::auth;
+use ropescope::pipeline::budget::{self, BudgetFit};
+use ropescope::pipeline::fit::ModelFit;
 use ropescope::pipeline::found::{Found, FoundDefects};
-use ropescope::pipeline::results::{AlarmRow, DefectRow, LayLengthRow, NotCovered, Summary, Threshold};
+use ropescope::pipeline::learning_curve::LearningPoint;
+use ropescope::pipeline::results::{
+    AlarmRow, DefectRow, Kind, LayLengthRow, Level, NotCovered, Suggestion, Summary, Threshold,
+};
 use ropescope::pipeline::{
-    Acquisition, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions, TrainReport,
+    Acquisition, Budget, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions,
+    TrainReport,
 };
 use ropescope::service::Service;
 use ropescope::store::tokens::Role;
@@ -27,6 +33,43 @@ pub const LINES: u32 = 100;
 
 /// Threshold of the models of tests.
 pub const TRAINED_THRESHOLD: f64 = 6.0;
+
+/// Score from which on places are worth looking at again there.
+pub const TRAINED_LOOK_AGAIN: f64 = 4.8;
+
+fn toy_budget(budget: Budget) -> BudgetFit {
+    let level = |line_score: f64, per_100m: f64| budget::Level {
+        line_score,
+        false_defects_per_100m: per_100m,
+        at_least_per_100m: per_100m / 3.0,
+        at_most_per_100m: per_100m * 3.0,
+        reinspect_m_per_100m: per_100m * 0.11,
+    };
+    let per_100m = budget.false_defects().unwrap();
+    BudgetFit {
+        budget,
+        alarm: level(TRAINED_THRESHOLD, per_100m),
+        look_again: level(TRAINED_LOOK_AGAIN, 5.0 * per_100m),
+        held_back_m: 1.6,
+        peaks: 40,
+        left_out: 0,
+        tail_from: 4.0,
+    }
+}
+
+/// The toy's models never fit.
+fn toy_fit() -> ModelFit {
+    ModelFit {
+        fits: false,
+        budget_per_100m: 2.0,
+        false_defects_per_100m: Some(31.4),
+        at_least_per_100m: Some(20.0),
+        at_most_per_100m: Some(48.0),
+        metres: 0.02,
+        alarmed_share: 0.0,
+        views: vec![],
+    }
+}
 
 /// Stands in for vision: writes a small results folder, or waits to be stopped.
 #[derive(Default)]
@@ -68,6 +111,11 @@ impl Engine for ToyEngine {
             learnt_view_m: 1.0,
             threshold: TRAINED_THRESHOLD,
             threshold_origin: "a toy".into(),
+            budget: Some(toy_budget(options.budget)),
+            intact: vec![],
+            learning_curve: [0.5, 1.0]
+                .map(|metres| LearningPoint { metres, nats_per_pixel: 1.0 - 0.1 / metres })
+                .to_vec(),
             seconds: 0.1,
             notes: vec![],
         })
@@ -119,6 +167,8 @@ impl Engine for ToyEngine {
             let defects = [defect(acquisition)];
             std::fs::write(results.join("defects.json"), serde_json::to_vec(&defects).unwrap()).unwrap();
             found = Some(defects.len());
+            let again = [look_again(acquisition, source.frames(0) * LINES as usize - 1)];
+            std::fs::write(results.join("look_again.json"), serde_json::to_vec(&again).unwrap()).unwrap();
             for view in 0..source.views() {
                 let folder = results.join(format!("maps/view{view}"));
                 std::fs::create_dir_all(&folder).unwrap();
@@ -159,11 +209,16 @@ impl Engine for ToyEngine {
                 to_m: acquisition.position_m(2 * LINES as usize),
                 reason: "too dark".into(),
             }],
-            threshold: options.model_path.as_ref().map(|_| Threshold {
-                line_score: options.threshold.unwrap_or(TRAINED_THRESHOLD),
-                origin: "a toy".into(),
+            threshold: options.model_path.as_ref().map(|_| {
+                options.threshold.clone().unwrap_or_else(|| Threshold {
+                    line_score: TRAINED_THRESHOLD,
+                    look_again_line_score: Some(TRAINED_LOOK_AGAIN),
+                    origin: "a toy".into(),
+                })
             }),
             defects: found,
+            look_again: found,
+            fit: options.model_path.as_ref().map(|_| toy_fit()),
             seconds: 0.1,
             metres_per_second: 1.0,
             notes: vec![],
@@ -176,12 +231,40 @@ fn defect(acquisition: &Acquisition) -> DefectRow {
     let alarm = AlarmRow { view: 0, first_line: 40, last_line: 44, first_column: 10, last_column: 20, peak_score: 9.0 };
     DefectRow {
         id: 0,
+        level: Level::Alarm,
         from_m: acquisition.position_m(40),
         to_m: acquisition.position_m(45),
         strand: Some(2),
         wire: None,
+        angle_deg: Some(300.0),
         peak_score: 9.0,
+        rank: Some(1),
+        suggestion: Some(Suggestion {
+            kind: Kind::Gap,
+            why: "dark over 4 mm".into(),
+            length_mm: 4.0,
+            width_wires: 1.0,
+            area_mm2: 5.5,
+            gray_steps: -6.0,
+            texture: 1.2,
+            beyond_outline_mm: 0.0,
+        }),
         alarms: vec![alarm],
+    }
+}
+
+/// The place that it would look at again: the last line.
+fn look_again(acquisition: &Acquisition, line: usize) -> DefectRow {
+    let alarm =
+        AlarmRow { view: 0, first_line: line, last_line: line, first_column: 4, last_column: 5, peak_score: 5.0 };
+    DefectRow {
+        id: 1,
+        level: Level::LookAgain,
+        from_m: acquisition.position_m(line),
+        to_m: acquisition.position_m(line + 1),
+        peak_score: 5.0,
+        alarms: vec![alarm],
+        ..DefectRow::default()
     }
 }
 

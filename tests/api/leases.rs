@@ -1,6 +1,7 @@
 //! The lease protocol, on a store with a clock that only moves when told to.
 
 use ropescope::clock::{Clock, ManualClock};
+use ropescope::pipeline::Budget;
 use ropescope::pipeline::found::{Found, FoundDefects};
 use ropescope::pipeline::results::DefectRow;
 use ropescope::store::acquisitions::NewAcquisition;
@@ -80,7 +81,7 @@ impl Queue {
     }
 
     async fn enqueue(&self) -> Id {
-        let task = Task::Train { from_m: None, to_m: None };
+        let task = Task::Train { from_m: None, to_m: None, budget: Budget::default() };
         let new = NewJob { id: id(), acquisition_id: self.acquisition, task, idempotency_key: None };
         let enqueued = self.store.enqueue(&new, self.clock.now_ms()).await.unwrap();
         assert!(matches!(enqueued, Enqueued::New(_)));
@@ -299,7 +300,7 @@ async fn findings_need_the_lease_and_go_with_a_new_claim_and_with_every_end() {
     let queue = Queue::new().await;
     let found = || {
         let alarms = vec![];
-        let defect = DefectRow { id: 0, from_m: 0.1, to_m: 0.2, strand: None, wire: None, peak_score: 7.0, alarms };
+        let defect = DefectRow { from_m: 0.1, to_m: 0.2, peak_score: 7.0, alarms, ..DefectRow::default() };
         [Found { lay_lengths: vec![], defects: FoundDefects { from: 0, rows: vec![defect] } }]
     };
     let told = async |job: Id| queue.store.provisional_defects(job, 0).await.unwrap().defects.len();

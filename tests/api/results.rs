@@ -180,3 +180,25 @@ async fn history_puts_the_dates_of_a_rope_on_one_grid() {
     }
     app.admin.get(&format!("ropes/{}/lay-length-history", new_id())).await.problem(404, "not-found");
 }
+
+#[tokio::test]
+async fn a_defect_says_where_round_the_rope_it_is_how_it_ranks_and_what_it_is_likely_to_be() {
+    let app = TestApp::start().await;
+    let (_, _, inspection) = app.admin.inspected().await;
+    let path = format!("inspections/{inspection}/defects");
+    let defect = app.admin.get(&path).await.ok(200)["items"][0].clone();
+    assert_eq!((&defect["angle_deg"], &defect["rank"]), (&json!(300.0), &json!(1)));
+    let suggestion = &defect["suggestion"];
+    assert_eq!((&suggestion["kind"], &suggestion["why"]), (&json!("gap"), &json!("dark over 4 mm")));
+    assert_eq!(suggestion["area_mm2"], json!(5.5));
+    let csv = app.admin.get(&format!("{path}?format=csv&level=any")).await.text();
+    let column = |row: usize, name: &str| {
+        let at = csv.lines().next().unwrap().split(',').position(|head| head == name).unwrap();
+        csv.lines().nth(row).unwrap().split(',').nth(at).unwrap().to_owned()
+    };
+    assert_eq!(
+        (column(1, "level").as_str(), column(1, "kind").as_str(), column(1, "area_mm2").as_str()),
+        ("alarm", "gap", "5.5")
+    );
+    assert_eq!((column(2, "level").as_str(), column(2, "kind").as_str()), ("look_again", ""), "no figures, no kind");
+}

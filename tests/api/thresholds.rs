@@ -71,6 +71,13 @@ async fn a_threshold_that_was_set_holds_for_later_inspections_and_says_who_and_w
     assert_eq!(problem["limit"], 2);
     assert_eq!(app.admin.get(&path).await.ok(200)["items"], json!([set, trained[0]]));
 
+    assert!(
+        (set["look_again_line_score"].as_f64().unwrap() - 3.3).abs() < 1e-9,
+        "1.2 under it, as the trained one: {set}"
+    );
+    let over = json!({ "line_score": 5, "look_again_line_score": 6, "reason": "x" });
+    app.admin.call("PUT", &format!("{path}/2"), over).await.problem(422, "out-of-range");
+
     let acquisition = app.admin.complete_acquisition(&rope).await;
     let inspect = async |body: Value| {
         let job = app.admin.run(body).await;
@@ -93,4 +100,64 @@ async fn a_threshold_that_was_set_holds_for_later_inspections_and_says_who_and_w
         .call("PUT", &format!("models/{}/thresholds/1", new_id()), json!({ "line_score": 5.0, "reason": "x" }))
         .await
         .problem(404, "not-found");
+}
+
+#[tokio::test]
+async fn places_to_look_at_again_are_listed_apart_from_defects_and_can_be_confirmed() {
+    let app = TestApp::start().await;
+    let (_, _, inspection) = app.admin.inspected().await;
+    let found = async |query: &str| {
+        let list = app.admin.get(&format!("inspections/{inspection}/defects{query}")).await.ok(200);
+        list["items"].as_array().unwrap().clone()
+    };
+    let (defects, again, both) = (found("").await, found("?level=look_again").await, found("?level=any").await);
+    assert_eq!((defects.len(), &defects[0]["level"]), (1, &json!("alarm")));
+    assert_eq!((again.len(), &again[0]["level"], &again[0]["peak_score"]), (1, &json!("look_again"), &json!(5.0)));
+    assert_eq!(both, [defects, again.clone()].concat());
+    let id = again[0]["defect_id"].as_str().unwrap();
+    let surface_alarms = async || {
+        app.admin.get(&format!("inspections/{inspection}/surface-alarms")).await.ok(200)["surface_alarms"].clone()
+    };
+    assert_eq!(surface_alarms().await, json!(1));
+    let verdict = json!({ "verdict": "confirmed", "by": "A. Inspector" });
+    assert_eq!(app.admin.post(&format!("defects/{id}/verdict"), verdict).await.ok(200)["state"], "confirmed");
+    assert_eq!(surface_alarms().await, json!(2), "what was confirmed counts, whatever its level");
+    let summary = app.admin.get(&format!("inspections/{inspection}")).await.ok(200)["summary"].clone();
+    assert_eq!((&summary["defects"], &summary["look_again"]), (&json!(1), &json!(1)));
+    assert_eq!(summary["threshold"]["look_again_line_score"], json!(4.8));
+    app.admin.get(&format!("inspections/{inspection}/defects?level=all")).await.problem(400, "malformed-query");
+}
+
+#[tokio::test]
+async fn a_training_is_told_what_false_alarms_may_cost() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let acquisition = app.admin.complete_acquisition(&rope).await;
+    let train = |budget: Value| json!({ "kind": "train", "acquisition_id": acquisition, "budget": budget });
+    let job = app.admin.run(train(json!({ "reinspect_m_per_100m": 1.1 }))).await;
+    let model = app.admin.get(&format!("models/{}", job["result"]["model_id"].as_str().unwrap())).await.ok(200);
+    let fit = &model["trained_on"]["budget"];
+    assert_eq!(fit["budget"], json!({ "reinspect_m_per_100m": 1.1 }));
+    assert!((fit["alarm"]["false_defects_per_100m"].as_f64().unwrap() - 10.0).abs() < 1e-6, "{fit}");
+    assert!(fit["alarm"]["at_least_per_100m"].as_f64() < fit["alarm"]["at_most_per_100m"].as_f64());
+    assert_eq!(model["trained_on"]["learning_curve"][1]["metres"], json!(1.0));
+    let sentence = model["trained_on"]["was_it_enough"].as_str().unwrap();
+    assert!(sentence.starts_with("more rope would help: the last 0.5 m"), "{sentence}");
+    for wrong in [json!({ "false_defects_per_100m": 0.01 }), json!({ "reinspect_m_per_100m": 50 })] {
+        let problem = app.admin.post("jobs", train(wrong)).await.problem(422, "out-of-range");
+        assert_eq!(problem["field"], "budget");
+    }
+    app.admin.post("jobs", train(json!({ "false_defects": 2 }))).await.problem(400, "malformed-body");
+}
+
+#[tokio::test]
+async fn a_model_that_no_longer_fits_is_said_with_figures_and_counted() {
+    let app = TestApp::start().await;
+    assert!(app.admin.get("/metrics").await.text().contains("ropescope_ropes_with_unfit_model 0"));
+    let (_, _, inspection) = app.admin.inspected().await;
+    let fit = app.admin.get(&format!("inspections/{inspection}")).await.ok(200)["summary"]["fit"].clone();
+    assert_eq!((&fit["fits"], &fit["false_defects_per_100m"]), (&json!(false), &json!(31.4)));
+    let warning = fit["warning"].as_str().unwrap();
+    assert!(warning.contains("31 false defects per 100 m (20 to 48 with 95 %)"), "{warning}");
+    assert!(app.admin.get("/metrics").await.text().contains("ropescope_ropes_with_unfit_model 1"));
 }

@@ -5,6 +5,7 @@ use crate::evaluate::EvaluateError;
 use crate::evaluate::costs::{Cost, costs};
 use crate::evaluate::curves::{Points, ViewCurve, average, curves};
 use crate::evaluate::defects::{Decisions, reported, score};
+use crate::evaluate::kinds::{Confusion, confusion};
 use crate::evaluate::labels::{classify, read_sightings};
 use crate::evaluate::recall::{DefectRecall, recall};
 use crate::evaluate::roc::read_scores;
@@ -23,6 +24,8 @@ pub(super) struct Judged {
     pub costs: Vec<Cost>,
     pub decisions: Option<Decisions>,
     pub threshold_origin: Option<String>,
+    /// Kinds suggested, by kind of the label.
+    pub kinds: Option<Confusion>,
 }
 
 #[derive(Deserialize)]
@@ -63,6 +66,7 @@ impl Judged {
             metres: lines.saturating_sub(skip) as f64 * rope.line_pitch_mm / 1000.0,
             average: average(&curves),
             costs: costs(&scores, (&sightings, &classes), &defects, threshold, skip, rope.line_pitch_mm),
+            kinds: confusion(results, &sightings, skip)?,
             decisions: score(results, &sightings, lines, rope.line_pitch_mm, skip)?,
             curves,
             defects,

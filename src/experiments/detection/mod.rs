@@ -103,5 +103,6 @@ fn sections(page: &mut Page, judged: &Judged) {
     page.figure("defects", "False lines that defects need, by kind and severity", &figures::defects(judged), 2);
     tables::by_kind(page, judged);
     tables::by_severity(page, judged);
+    tables::suggestions(page, judged);
     tables::defect_numbers(page, judged);
 }

@@ -46,7 +46,7 @@ impl Trained {
         let acquisition = write::rope_file(&scene).validate()?;
         let path = folder.path().join("rope.model");
         let run = work.run_of(TRAINING_PASSES.len() as f64 * plan.train_m, &TRAINING_PASSES);
-        let options = TrainOptions { from_m: None, to_m: Some(plan.train_m) };
+        let options = TrainOptions { to_m: Some(plan.train_m), ..TrainOptions::default() };
         train(&acquisition, &SceneFrames(&scene), options, &path, &run)?;
         drop(run);
         let skip_lines = plan.skip_lines(recipe.line_pitch_mm);

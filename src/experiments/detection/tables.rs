@@ -123,6 +123,21 @@ pub(super) fn by_severity(page: &mut Page, judged: &Judged) {
     class_table(page, "severity", rows);
 }
 
+/// What reported defects were taken for.
+pub(super) fn suggestions(page: &mut Page, judged: &Judged) {
+    let Some(kinds) = &judged.kinds else { return };
+    page.paragraph(
+        "What the reported ones of the clear defects were taken for, by fixed rules on gray, texture, size and outline; what shows none of \
+         these clearly is called unclear. A broken wire is a gap, a lifted or loose wire protrudes if it stands beyond the outline of \
+         the rope in some view, the others are changes of the surface.",
+    );
+    let rows = kinds.iter().map(|(kind, taken_for)| {
+        let [gap, missing, protruding, surface, unclear] = taken_for.map(|n| n.to_string());
+        [kind.replace('_', " "), gap, missing, protruding, surface, unclear]
+    });
+    page.table(["kind", "gap", "missing wire", "protruding wire", "surface change", "unclear"], rows);
+}
+
 /// Every defect as numbers.
 pub(super) fn defect_numbers(page: &mut Page, judged: &Judged) {
     let rows = judged.defects.iter().map(|d| {

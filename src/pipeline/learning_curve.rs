@@ -1,0 +1,182 @@
+//! Whether more rope would have taught a model more: how well held-back rope is predicted by parts of what was learnt from.
+
+use crate::vision::appearance::Appearance;
+use crate::vision::histogram::{CELLS, Histogram};
+use crate::vision::inspection_model::AlignedView;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Shares of the rope after which the model is looked at.
+const SHARES: [f64; 3] = [0.125, 0.25, 0.5];
+/// Nats per pixel that are not worth more rope: of some 1.5 that a model of metres knows.
+const ENOUGH_NATS: f64 = 0.01;
+
+/// What a model of so many metres knows of rope that it has not seen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LearningPoint {
+    /// Metres learnt from, mean of the views.
+    pub metres: f64,
+    /// Mean logarithm of the likelihood of a held-back pixel, over that of knowing nothing, in nats.
+    pub nats_per_pixel: f64,
+}
+
+/// Metres that would have been enough, if it was.
+pub fn enough_m(curve: &[LearningPoint]) -> Option<f64> {
+    let (last, before) = curve.split_last()?;
+    before.iter().find(|p| p.nats_per_pixel >= last.nats_per_pixel - ENOUGH_NATS).map(|p| p.metres)
+}
+
+/// The curve as a sentence; `None` with fewer than two points.
+pub fn sentence(curve: &[LearningPoint]) -> Option<String> {
+    let [.., before, last] = curve else { return None };
+    Some(match enough_m(curve) {
+        Some(metres) => format!("{metres:.1} m would have been enough to learn from"),
+        None => format!(
+            "more rope would help: the last {:.1} m still brought {:.3} nats per pixel",
+            last.metres - before.metres,
+            last.nats_per_pixel - before.nats_per_pixel
+        ),
+    })
+}
+
+/// Gray values of one view: those to learn from, as they grow, and those held back.
+#[derive(Debug, Clone)]
+pub(super) struct GrowingGray {
+    /// What is learnt from.
+    pub learnt: Histogram,
+    /// Metres of it.
+    pub metres: f64,
+    held_back: Histogram,
+    stretches: usize,
+    of_stretches: usize,
+    parts: Vec<(f64, Histogram)>,
+}
+
+impl GrowingGray {
+    /// Nothing yet, of so many stretches to learn from.
+    pub fn new(of_stretches: usize) -> Self {
+        Self {
+            learnt: Histogram::default(),
+            metres: 0.0,
+            held_back: Histogram::default(),
+            stretches: 0,
+            of_stretches,
+            parts: Vec::new(),
+        }
+    }
+
+    /// Adds a stretch.
+    pub fn take(&mut self, aligned: &AlignedView<'_>, held_back: bool) {
+        if held_back {
+            aligned.learn_gray(&mut self.held_back);
+            return;
+        }
+        aligned.learn_gray(&mut self.learnt);
+        self.metres += aligned.view.image.lines() as f64 * aligned.pitch_mm / 1000.0;
+        self.stretches += 1;
+        if SHARES.iter().any(|share| (share * self.of_stretches as f64).ceil() as usize == self.stretches) {
+            self.parts.push((self.metres, self.learnt.clone()));
+        }
+    }
+}
+
+/// The learning curve over all views, and what the views know in the end.
+pub(super) fn curve(views: Vec<GrowingGray>) -> (Vec<Appearance>, Vec<LearningPoint>) {
+    let of_view: Vec<(Appearance, Vec<LearningPoint>)> = views.into_par_iter().map(of_view).collect();
+    let points = of_view.iter().map(|(_, points)| points.len()).min().unwrap_or(0);
+    // A view that missed stretches has fewer points: the last ones belong together.
+    let mean = |number: usize| {
+        let n = of_view.len() as f64;
+        let of = |value: fn(&LearningPoint) -> f64| {
+            of_view.iter().map(|(_, p)| value(&p[p.len() - points + number])).sum::<f64>() / n
+        };
+        LearningPoint { metres: of(|p| p.metres), nats_per_pixel: of(|p| p.nats_per_pixel) }
+    };
+    let curve = (0..points).map(mean).collect();
+    (of_view.into_iter().map(|(appearance, _)| appearance).collect(), curve)
+}
+
+fn of_view(gray: GrowingGray) -> (Appearance, Vec<LearningPoint>) {
+    let point = |metres: f64, appearance: &Appearance| LearningPoint {
+        metres,
+        nats_per_pixel: nats_per_pixel(appearance, &gray.held_back),
+    };
+    let mut points: Vec<LearningPoint> = gray
+        .parts
+        .par_iter()
+        .filter(|(metres, _)| *metres < gray.metres)
+        .map(|(metres, part)| point(*metres, &Appearance::learn(part)))
+        .collect();
+    let whole = Appearance::learn(&gray.learnt);
+    points.push(point(gray.metres, &whole));
+    (whole, points)
+}
+
+/// Mean logarithm of the likelihood of the pixels of a histogram. What a model cannot tell counts as known nothing about: 0.
+fn nats_per_pixel(appearance: &Appearance, pixels: &Histogram) -> f64 {
+    let of_cell = |cell: usize| {
+        let known = pixels.of_cell(cell).iter().zip(appearance.likelihood(cell)).filter(|(_, p)| **p > 0.0);
+        known.map(|(&n, &p)| f64::from(n) * f64::from(p).ln()).sum::<f64>()
+    };
+    (0..CELLS).map(of_cell).sum::<f64>() / pixels.total().max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::histogram::cell;
+
+    /// So many pixels a cell, spread over five gray values about one of the cell's own.
+    fn gray(stretches: usize, of_stretches: usize) -> GrowingGray {
+        let mut gray = GrowingGray::new(of_stretches);
+        let fill = |histogram: &mut Histogram, from: usize, n: usize| {
+            for strand in 8..24 {
+                for wire in 0..24 {
+                    for distance in 0..8 {
+                        for k in from..from + n {
+                            let spread = (k * 7 + strand * 5 + wire * 3 + distance) % 5;
+                            histogram.add(cell(strand, wire, distance), 8 + strand / 2 + spread);
+                        }
+                    }
+                }
+            }
+        };
+        for stretch in 0..stretches {
+            fill(&mut gray.learnt, 10 * stretch, 10);
+            gray.parts.push((0.2 * (stretch + 1) as f64, gray.learnt.clone()));
+        }
+        gray.metres = 0.2 * stretches as f64;
+        fill(&mut gray.held_back, 1000, 20);
+        gray
+    }
+
+    #[test]
+    fn held_back_rope_is_predicted_the_better_the_more_was_learnt_until_it_was_enough() {
+        let (_, points) = curve(vec![gray(8, 8), gray(8, 8)]);
+        assert!(
+            points.windows(2).all(|p| p[0].metres < p[1].metres && p[0].nats_per_pixel <= p[1].nats_per_pixel + 1e-3)
+        );
+        assert!(points[0].nats_per_pixel < points[7].nats_per_pixel - 0.05, "{points:?}");
+        let enough = enough_m(&points).unwrap();
+        assert!((0.3..1.6).contains(&enough), "{points:?}");
+        assert_eq!(sentence(&points).unwrap(), format!("{enough:.1} m would have been enough to learn from"));
+    }
+
+    #[test]
+    fn a_curve_that_still_rises_asks_for_more_rope() {
+        let point = |metres: f64, nats_per_pixel: f64| LearningPoint { metres, nats_per_pixel };
+        let curve = [point(0.4, 0.8), point(0.8, 1.0), point(1.6, 1.1)];
+        assert_eq!(enough_m(&curve), None);
+        assert_eq!(
+            sentence(&curve).unwrap(),
+            "more rope would help: the last 0.8 m still brought 0.100 nats per pixel"
+        );
+        assert_eq!(sentence(&curve[..1]), None);
+    }
+
+    #[test]
+    fn a_view_that_missed_stretches_does_not_spoil_the_curve() {
+        let (models, points) = curve(vec![gray(8, 8), gray(5, 8)]);
+        assert_eq!((models.len(), points.len()), (2, 5));
+    }
+}

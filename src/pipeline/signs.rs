@@ -1,0 +1,127 @@
+//! Looks at an alarmed block: which columns are over the threshold, and what they show.
+
+use crate::vision::appearance::{Appearance, GrayScale};
+use crate::vision::defects::Look;
+use crate::vision::inspection_model::AlignedView;
+use crate::vision::kind::{Grays, Signs};
+use crate::vision::model_contour::ModelContour;
+use crate::vision::scoring::StretchScores;
+use crate::vision::surface_map::PLACES_PER_WIRE;
+use std::cell::OnceCell;
+
+/// Rope to either side over which the edge's usual distance from the outline is taken, in mm: farther than a wire stands out.
+const OUTLINE_MM: f64 = 60.0;
+/// Every so many lines of it are looked at.
+const OUTLINE_EVERY: usize = 10;
+/// Distance along the rope over which gray is compared, in mm.
+const GRAIN_MM: f64 = 0.3;
+
+/// Looks at the alarmed blocks of one view of a stretch.
+pub(super) struct Looker<'a> {
+    seen: AlignedView<'a>,
+    scores: &'a StretchScores,
+    gray: Option<&'a Appearance>,
+    /// Made for the first alarm: most stretches have none.
+    tools: OnceCell<(GrayScale, ModelContour)>,
+}
+
+impl<'a> Looker<'a> {
+    /// For a view; `gray` is the first factor of its model.
+    pub fn new(seen: AlignedView<'a>, scores: &'a StretchScores, gray: Option<&'a Appearance>) -> Self {
+        Self { seen, scores, gray, tools: OnceCell::new() }
+    }
+
+    /// What a block over the threshold shows at its middle line.
+    pub fn look(&self, block: usize, threshold: f64) -> Option<Look> {
+        let (seen, scores, gray) = (&self.seen, self.scores, self.gray?);
+        let camera = seen.camera;
+        let (scale, contour) = self.tools.get_or_init(|| {
+            let half_width_px = camera.px_per_mm * seen.rope.diameter_mm() / 2.0;
+            let scale = GrayScale::new(&seen.view.image, &seen.view.axis_px, half_width_px);
+            (scale, ModelContour::new(seen.rope, camera))
+        });
+        let line = (block * scores.block_lines + scores.block_lines / 2).min(seen.view.image.lines() - 1);
+        let past = line.saturating_sub((GRAIN_MM / seen.pitch_mm).round().max(1.0) as usize);
+        let (row, bins) = (seen.view.image.line(line), scale.fine(line));
+        let (past_row, past_bins) = (seen.view.image.line(past), scale.fine(past));
+        let first = block * seen.rope.strands() * scores.places;
+        // A block may be over the threshold by its neighbours' help: then its highest place stands for it.
+        let (strand, place) = scores.peaks[block];
+        let limit = (threshold as f32).min(scores.cells[first + strand * scores.places + place]);
+        let near = |other: usize| {
+            let apart = other.abs_diff(place);
+            apart.min(scores.places - apart) <= PLACES_PER_WIRE / 2
+        };
+        let mut columns: Option<(usize, usize)> = None;
+        let mut over_places = vec![false; scores.places];
+        let (mut wire, mut beside, mut over, mut peak_columns) = (Grays::default(), Grays::default(), 0.0, (0.0, 0.0));
+        seen.surface_map().for_each(line, seen.view.axis_px[line], |point| {
+            let at = |row: &[u8], bins: &[f32; 256]| bins[usize::from(row[point.column])];
+            let here = at(row, bins);
+            let deviation = f64::from(here - gray.expected(point.cell));
+            let change = f64::from((here - at(past_row, past_bins)).abs());
+            let on_wire = point.strand == strand && near(point.place);
+            if deviation.is_finite() {
+                if on_wire { wire.add(deviation, change) } else { beside.add(deviation, change) }
+            }
+            if on_wire {
+                peak_columns = (peak_columns.0 + point.column as f64, peak_columns.1 + 1.0);
+            }
+            if scores.cells[first + point.strand * scores.places + point.place] >= limit {
+                over += 1.0;
+                over_places[point.place] |= point.strand == strand;
+                columns = Some(
+                    columns.map_or((point.column, point.column), |(a, b)| (a.min(point.column), b.max(point.column))),
+                );
+            }
+        });
+        let length_mm = scores.block_lines as f64 * seen.pitch_mm;
+        let wires = over_places.iter().filter(|over| **over).count() as f64 / PLACES_PER_WIRE as f64;
+        let angle_rad = (peak_columns.1 > 0.0).then(|| {
+            let aside_mm = (peak_columns.0 / peak_columns.1 - f64::from(seen.view.axis_px[line])) / camera.px_per_mm;
+            camera.angle_rad + (2.0 * aside_mm / seen.rope.diameter_mm()).clamp(-1.0, 1.0).asin()
+        });
+        Some(Look {
+            columns: columns?,
+            signs: Signs {
+                length_mm,
+                mm_wires: length_mm * wires,
+                area_mm2: length_mm * over / camera.px_per_mm,
+                wire,
+                beside,
+                beyond_outline_mm: self.beyond_outline_mm(contour, line),
+                direction: angle_rad.map_or((0.0, 0.0), f64::sin_cos),
+            },
+        })
+    }
+
+    /// How far the rope's edge is outside the model's outline, beyond what it usually is about there; 0 where it is not seen.
+    fn beyond_outline_mm(&self, contour: &ModelContour, line: usize) -> f64 {
+        let reach = (OUTLINE_MM / self.seen.pitch_mm) as usize;
+        let lines = line.saturating_sub(reach)..(line + reach + 1).min(self.seen.view.image.lines());
+        let beyond = |edge: fn((f64, f64)) -> f64| {
+            let here = edge(self.outside_px(contour, line));
+            let mut about: Vec<f64> =
+                lines.clone().step_by(OUTLINE_EVERY).map(|k| edge(self.outside_px(contour, k))).collect();
+            about.retain(|px| px.is_finite());
+            about.sort_by(f64::total_cmp);
+            about.get(about.len() / 2).map_or(0.0, |usual| here - usual)
+        };
+        let px = [beyond(|e| e.0), beyond(|e| e.1)].into_iter().filter(|px| px.is_finite()).fold(0.0, f64::max);
+        px / self.seen.camera.px_per_mm
+    }
+
+    /// How far the lower and the upper edge are outside the outline of the model; NaN where they were not seen.
+    fn outside_px(&self, contour: &ModelContour, line: usize) -> (f64, f64) {
+        let seen = &self.seen;
+        let knots = &seen.estimates.strand_phases_rad;
+        let knot = (line / seen.estimates.knot_lines.max(1)) * seen.rope.strands();
+        let phase = knots.get(knot).map_or(f64::NAN, |phase| phase - seen.camera.angle_rad);
+        let edge = |edges: &[f32]| edges.get(line).map_or(f64::NAN, |&e| f64::from(e - seen.view.axis_px[line]));
+        if !phase.is_finite() {
+            return (f64::NAN, f64::NAN);
+        }
+        let (lower, upper) = (edge(&seen.view.contours.lower_px), edge(&seen.view.contours.upper_px));
+        (contour.lower_px(phase) - lower, upper - contour.upper_px(phase))
+    }
+}
