@@ -74,7 +74,7 @@
 //! The defects:
 //! - [`evidence`]: scores summed along the wires
 //! - [`scoring`]: sums made comparable
-//! - [`threshold`]: where an alarm begins
+//! - [`tail`]: where an alarm begins
 //! - [`defects`]: alarms of one cause, merged
 
 pub mod aligner;

@@ -28,7 +28,7 @@ const OUTLIER_ROPES: f64 = 100.0;
 /// At most this share of the peaks is taken for defects.
 const MOST_OUTLIERS: f64 = 0.1;
 
-/// Peaks of consecutive block scores: the highest first, and whatever is nearer to it than [`APART_MM`] belongs to it. Answers
+/// Peaks of consecutive block scores: the highest first, and whatever is nearer to it than `APART_MM` belongs to it. Answers
 /// blocks and scores.
 pub fn peaks(blocks: &[f32], block_mm: f64) -> Vec<(usize, f32)> {
     let apart = (APART_MM / block_mm).round().max(1.0) as usize;
@@ -91,7 +91,7 @@ pub struct Tail {
     best: Law,
 }
 
-/// The score over which the upper [`TAIL_SHARE`] of the peaks lie. `None` without peaks.
+/// The score over which the upper `TAIL_SHARE` of the peaks lie. `None` without peaks.
 pub fn base_of(peaks: &[f32]) -> Option<f64> {
     let mut sorted = peaks.to_vec();
     sorted.sort_by(f32::total_cmp);
