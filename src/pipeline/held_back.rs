@@ -8,8 +8,8 @@ use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::scoring::{StretchScores, join_views};
 use rayon::prelude::*;
 
-/// Parts of the held-back stretches, each of which is judged by the others.
-const FOLDS: usize = 4;
+/// Parts of the stretches, each of which is judged by the calibration of the others: more parts, nearer to the final one.
+const PARTS: usize = 7;
 
 /// Evidence of held-back stretches: `[view][stretch][factor]`.
 pub(super) type Held = Vec<Vec<Vec<Evidence>>>;
@@ -24,7 +24,7 @@ pub(super) fn cross_scored(
 ) -> Option<Vec<Vec<Option<StretchScores>>>> {
     // A view that missed a stretch is out of step: then only as many as all have count.
     let stretches = held.iter().map(Vec::len).min().filter(|&n| n > 0)?;
-    let folds = FOLDS.min(stretches);
+    let folds = PARTS.min(stretches);
     let mut scored: Vec<Vec<Option<StretchScores>>> = vec![vec![None; views.len()]; stretches];
     for fold in 0..folds {
         let of_fold = |stretch: &usize| stretch % folds == fold;

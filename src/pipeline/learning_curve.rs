@@ -1,11 +1,14 @@
 //! Whether more rope would have taught a model more: how well held-back rope is predicted by parts of what was learnt from.
 
+use super::folds::{FOLDS, fold_of, without};
 use crate::vision::appearance::Appearance;
 use crate::vision::histogram::{CELLS, Histogram};
 use crate::vision::inspection_model::AlignedView;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+/// The fold that judges the others.
+const LAST_FOLD: usize = FOLDS - 1;
 /// Shares of the rope after which the model is looked at.
 const SHARES: [f64; 3] = [0.125, 0.25, 0.5];
 /// Nats per pixel that are not worth more rope: of some 1.5 that a model of metres knows.
@@ -39,77 +42,72 @@ pub fn sentence(curve: &[LearningPoint]) -> Option<String> {
     })
 }
 
-/// Gray values of one view: those to learn from, as they grow, and those held back.
+/// Gray values of one view as they grow, by folds of stretches.
 #[derive(Debug, Clone)]
 pub(super) struct GrowingGray {
-    /// What is learnt from.
-    pub learnt: Histogram,
-    /// Metres of it.
+    /// Every so many stretches one belongs to the same fold.
+    pub folds: [Histogram; FOLDS],
+    /// Metres of all.
     pub metres: f64,
-    held_back: Histogram,
+    learnt_m: f64,
     stretches: usize,
     of_stretches: usize,
     parts: Vec<(f64, Histogram)>,
 }
 
 impl GrowingGray {
-    /// Nothing yet, of so many stretches to learn from.
+    /// Nothing yet, of so many stretches that will come.
     pub fn new(of_stretches: usize) -> Self {
         Self {
-            learnt: Histogram::default(),
+            folds: Default::default(),
             metres: 0.0,
-            held_back: Histogram::default(),
+            learnt_m: 0.0,
             stretches: 0,
-            of_stretches,
+            of_stretches: (0..of_stretches).filter(|&number| fold_of(number) != LAST_FOLD).count(),
             parts: Vec::new(),
         }
     }
 
     /// Adds a stretch.
-    pub fn take(&mut self, aligned: &AlignedView<'_>, held_back: bool) {
-        if held_back {
-            aligned.learn_gray(&mut self.held_back);
-            return;
+    pub fn take(&mut self, number: usize, aligned: &AlignedView<'_>) {
+        aligned.learn_gray(&mut self.folds[fold_of(number)]);
+        let metres = aligned.view.image.lines() as f64 * aligned.pitch_mm / 1000.0;
+        self.metres += metres;
+        if fold_of(number) == LAST_FOLD {
+            return; // the curve is judged by it
         }
-        aligned.learn_gray(&mut self.learnt);
-        self.metres += aligned.view.image.lines() as f64 * aligned.pitch_mm / 1000.0;
+        self.learnt_m += metres;
         self.stretches += 1;
         if SHARES.iter().any(|share| (share * self.of_stretches as f64).ceil() as usize == self.stretches) {
-            self.parts.push((self.metres, self.learnt.clone()));
+            self.parts.push((self.learnt_m, without(&self.folds, LAST_FOLD)));
         }
     }
 }
 
-/// The learning curve over all views, and what the views know in the end.
-pub(super) fn curve(views: Vec<GrowingGray>) -> (Vec<Appearance>, Vec<LearningPoint>) {
-    let of_view: Vec<(Appearance, Vec<LearningPoint>)> = views.into_par_iter().map(of_view).collect();
-    let points = of_view.iter().map(|(_, points)| points.len()).min().unwrap_or(0);
+/// The learning curve over all views: learnt from all folds but the last, which judges.
+pub(super) fn curve(views: &[GrowingGray]) -> Vec<LearningPoint> {
+    let of_view: Vec<Vec<LearningPoint>> = views.par_iter().map(of_view).collect();
+    let points = of_view.iter().map(Vec::len).min().unwrap_or(0);
     // A view that missed stretches has fewer points: the last ones belong together.
     let mean = |number: usize| {
         let n = of_view.len() as f64;
         let of = |value: fn(&LearningPoint) -> f64| {
-            of_view.iter().map(|(_, p)| value(&p[p.len() - points + number])).sum::<f64>() / n
+            of_view.iter().map(|p| value(&p[p.len() - points + number])).sum::<f64>() / n
         };
         LearningPoint { metres: of(|p| p.metres), nats_per_pixel: of(|p| p.nats_per_pixel) }
     };
-    let curve = (0..points).map(mean).collect();
-    (of_view.into_iter().map(|(appearance, _)| appearance).collect(), curve)
+    (0..points).map(mean).collect()
 }
 
-fn of_view(gray: GrowingGray) -> (Appearance, Vec<LearningPoint>) {
-    let point = |metres: f64, appearance: &Appearance| LearningPoint {
+fn of_view(gray: &GrowingGray) -> Vec<LearningPoint> {
+    let point = |metres: f64, part: &Histogram| LearningPoint {
         metres,
-        nats_per_pixel: nats_per_pixel(appearance, &gray.held_back),
+        nats_per_pixel: nats_per_pixel(&Appearance::learn(part), &gray.folds[LAST_FOLD]),
     };
-    let mut points: Vec<LearningPoint> = gray
-        .parts
-        .par_iter()
-        .filter(|(metres, _)| *metres < gray.metres)
-        .map(|(metres, part)| point(*metres, &Appearance::learn(part)))
-        .collect();
-    let whole = Appearance::learn(&gray.learnt);
-    points.push(point(gray.metres, &whole));
-    (whole, points)
+    let parts = gray.parts.par_iter().filter(|(metres, _)| *metres < gray.learnt_m);
+    let mut points: Vec<LearningPoint> = parts.map(|(metres, part)| point(*metres, part)).collect();
+    points.push(point(gray.learnt_m, &without(&gray.folds, LAST_FOLD)));
+    points
 }
 
 /// Mean logarithm of the likelihood of the pixels of a histogram. What a model cannot tell counts as known nothing about: 0.
@@ -142,17 +140,17 @@ mod tests {
             }
         };
         for stretch in 0..stretches {
-            fill(&mut gray.learnt, 10 * stretch, 10);
-            gray.parts.push((0.2 * (stretch + 1) as f64, gray.learnt.clone()));
+            fill(&mut gray.folds[0], 10 * stretch, 10);
+            gray.parts.push((0.2 * (stretch + 1) as f64, gray.folds[0].clone()));
         }
-        gray.metres = 0.2 * stretches as f64;
-        fill(&mut gray.held_back, 1000, 20);
+        gray.learnt_m = 0.2 * stretches as f64;
+        fill(&mut gray.folds[LAST_FOLD], 1000, 20);
         gray
     }
 
     #[test]
     fn held_back_rope_is_predicted_the_better_the_more_was_learnt_until_it_was_enough() {
-        let (_, points) = curve(vec![gray(8, 8), gray(8, 8)]);
+        let points = curve(&[gray(8, 8), gray(8, 8)]);
         assert!(
             points.windows(2).all(|p| p[0].metres < p[1].metres && p[0].nats_per_pixel <= p[1].nats_per_pixel + 1e-3)
         );
@@ -176,7 +174,7 @@ mod tests {
 
     #[test]
     fn a_view_that_missed_stretches_does_not_spoil_the_curve() {
-        let (models, points) = curve(vec![gray(8, 8), gray(5, 8)]);
-        assert_eq!((models.len(), points.len()), (2, 5));
+        let points = curve(&[gray(8, 8), gray(5, 8)]);
+        assert_eq!(points.len(), 5);
     }
 }

@@ -3,17 +3,18 @@
 use super::budget::{Budget, BudgetFit};
 use super::drive::{Drive, aligner_spec};
 use super::fit::{IntactRope, IntactScores};
+use super::folds::fold_of;
 use super::held_back::{Held, cross_scored};
 use super::learning_curve::{GrowingGray, LearningPoint, curve};
+use super::learning_view::{LearningView, LearntView};
 use super::model_file::Model;
 use super::results::Threshold;
 use super::stretches::STRETCH_LINES;
 use super::{Acquisition, FrameSource, PipelineError, Progress};
-use crate::vision::appearance::Appearance;
 use crate::vision::evidence::{Evidence, block_lines};
 use crate::vision::factor::FACTORS;
-use crate::vision::histogram::Histogram;
 use crate::vision::inspection_model::{AlignedView, ViewAppearance};
+use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -77,10 +78,12 @@ impl TrainReport {
 
 /// Least rope that must be aligned, in m.
 const LEAST_M: f64 = 0.8;
-/// Every so many stretches one is held back for calibration and threshold.
-const HELD_BACK_EVERY: usize = 3;
-/// Most stretches that are held back: more tell nothing new, and their evidence stays in memory.
-const MOST_HELD_BACK: usize = 16;
+/// Memory for the evidence of stretches that calibrate.
+const MOST_EVIDENCE_BYTES: usize = 300_000_000;
+/// What evidence takes for a place of the unrolled rope: sum, count, region.
+const BYTES_PER_CELL: usize = 9;
+/// Fewest stretches that are kept, if there are as many.
+const LEAST_KEPT: usize = 6;
 
 /// Trains on `source` and writes the model to `model_path`, whole or not at all.
 pub fn train(
@@ -104,39 +107,30 @@ pub fn train(
 
     // First pass: gray values of intact rope.
     let stretches = used.len().div_ceil(aligner_spec(acquisition).stretch_lines(STRETCH_LINES));
-    let learnt_stretches = (0..stretches).filter(|&number| !held_back(number)).count();
-    let mut gray = vec![GrowingGray::new(learnt_stretches); views];
-    each_view(&drive("learn"), &mut gray, |_| true, |number, aligned, gray| gray.take(&aligned, held_back(number)))?;
+    let mut gray = vec![GrowingGray::new(stretches); views];
+    each_view(&drive("learn"), &mut gray, |_| true, |number, aligned, gray| gray.take(number, &aligned))?;
     let learnt_view_m: f64 = gray.iter().map(|view| view.metres).sum();
     let aligned_m = learnt_view_m / views as f64;
     if aligned_m < LEAST_M {
         return Err(PipelineError::TooLittleRope { aligned_m, needed_m: LEAST_M });
     }
-    let (gray, learning_curve) = curve(gray);
+    let learning_curve = curve(&gray);
 
-    // Second pass: the further factors, relative to the gray that is expected.
-    let mut factors: Vec<(&Appearance, [Histogram; FACTORS.len()])> =
-        gray.iter().map(|g| (g, Default::default())).collect();
-    each_view(
-        &drive("learn more"),
-        &mut factors,
-        |k| !held_back(k),
-        |_, aligned, (gray, histograms)| {
-            aligned.learn_factors(gray, histograms);
-        },
-    )?;
-    let learnt: Vec<ViewAppearance> = factors.par_iter().map(|(g, h)| ViewAppearance::new((*g).clone(), h)).collect();
+    // Second pass: the further factors, relative to the gray that is expected by what the other folds taught.
+    let mut learning: Vec<LearningView> = gray.into_par_iter().map(|gray| LearningView::new(gray.folds)).collect();
+    each_view(&drive("learn more"), &mut learning, |_| true, |number, aligned, view| view.take(number, &aligned))?;
+    let learnt: Vec<LearntView> = learning.into_par_iter().map(LearningView::learnt).collect();
 
-    // Third pass: evidence of what was held back, for calibration and threshold.
-    let mut evidence: Vec<(&ViewAppearance, Vec<Vec<Evidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
-    each_view(&drive("calibrate"), &mut evidence, held_back, |_, aligned, (model, stretches)| {
-        if stretches.len() < MOST_HELD_BACK {
-            stretches.push(aligned.evidence(model));
-        }
+    // Third pass: evidence of every fold by the others, for calibration and threshold.
+    let kept = kept_stretches(acquisition, stretches);
+    let mut evidence: Vec<(&LearntView, Vec<Vec<Evidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
+    let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
+    each_view(&drive("calibrate"), &mut evidence, keeps, |number, aligned, (view, stretches)| {
+        stretches.push(aligned.evidence(&view.by_others[fold_of(number)]));
     })?;
     let held: Held = evidence.into_iter().map(|(_, stretches)| stretches).collect();
     let too_little = || PipelineError::TooLittleRope { aligned_m, needed_m: 2.0 * LEAST_M };
-    let mut learnt = learnt;
+    let mut learnt: Vec<ViewAppearance> = learnt.into_iter().map(|view| view.whole).collect();
     let scored = cross_scored(&learnt, &held, acquisition.rope.strands(), pitch_mm).ok_or_else(too_little)?;
     for (view, stretches) in learnt.iter_mut().zip(&held) {
         if !view.calibrate(stretches, pitch_mm) {
@@ -149,11 +143,11 @@ pub fn train(
     let budget = BudgetFit::of(options.budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
     let mut notes = Vec::new();
     if scored.len() == 1 {
-        notes.push("only one stretch could be held back, so its scores are those of rope that calibrated them and the threshold is too low: train on 2 m or more".to_owned());
+        notes.push("only one stretch could be used, so its scores are those of rope that calibrated them and the threshold is too low: train on 2 m or more".to_owned());
     }
     if budget.left_out > 0 {
         notes.push(format!(
-            "{} places of the held-back rope look like defects and were left out of the threshold: inspect the range with this model and \
+            "{} places of the rope look like defects and were left out of the threshold: inspect the range with this model and \
              look at what it reports",
             budget.left_out
         ));
@@ -175,8 +169,13 @@ pub fn train(
     Ok(report)
 }
 
-fn held_back(number: usize) -> bool {
-    number % HELD_BACK_EVERY == HELD_BACK_EVERY - 1
+/// How many stretches are kept for calibration and threshold: their evidence stays in memory.
+fn kept_stretches(acquisition: &Acquisition, stretches: usize) -> usize {
+    let lines = aligner_spec(acquisition).stretch_lines(STRETCH_LINES);
+    let places = acquisition.rope.strands() * acquisition.rope.wires() * PLACES_PER_WIRE;
+    let cells = lines.div_ceil(block_lines(acquisition.line_pitch_mm)) * places;
+    let bytes = cells * BYTES_PER_CELL * (FACTORS.len() + 1) * acquisition.view_angles_rad.len();
+    stretches.min((MOST_EVIDENCE_BYTES / bytes).max(LEAST_KEPT))
 }
 
 /// Aligns the range and hands every usable view of the stretches that are `wanted` (by number) to `take`, with its number and what

@@ -55,7 +55,7 @@ pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), 
         }
     }
     let mut course = local_parabolas(&kept, PERIODS.0 * half);
-    sway(&mut course, &local_parabolas(&kept, PERIODS.1 * half), UNEVEN * width_px);
+    sway(&mut course, &local_parabolas(&kept, PERIODS.1 * half), PERIODS.0 * half, UNEVEN * width_px);
     fill_gaps(&mut course);
     course
 }
@@ -96,14 +96,21 @@ fn local_parabolas(values: &[f32], half: usize) -> Vec<f32> {
         .collect()
 }
 
-/// Lets a calm course follow a closer one as far as they differ by more than `uneven_px` rms (James-Stein): then the rope sways
-/// faster than the calm one can follow.
-fn sway(calm: &mut [f32], closer: &[f32], uneven_px: f64) {
-    let differences = calm.iter().zip(closer).map(|(calm, closer)| f64::from(closer - calm)).filter(|d| d.is_finite());
-    let (squares, n) = differences.fold((0.0, 0.0), |(squares, n), d| (squares + d * d, n + 1.0));
-    let share = (1.0 - uneven_px * uneven_px * n / f64::max(squares, 1e-9)).max(0.0) as f32;
-    for (calm, closer) in calm.iter_mut().zip(closer) {
-        *calm += share * (closer - *calm);
+/// Lets a calm course follow a closer one where they differ by more than `uneven_px` rms within `half` lines (James-Stein): there
+/// the rope sways faster than the calm one can follow.
+fn sway(calm: &mut [f32], closer: &[f32], half: usize, uneven_px: f64) {
+    let n = calm.len();
+    let mut sums = vec![(0.0f64, 0.0f64); n + 1];
+    for (k, (calm, closer)) in calm.iter().zip(closer).enumerate() {
+        let squared = f64::from(closer - calm).powi(2);
+        let (squares, count) = sums[k];
+        sums[k + 1] = if squared.is_finite() { (squares + squared, count + 1.0) } else { (squares, count) };
+    }
+    for (k, (calm, closer)) in calm.iter_mut().zip(closer).enumerate() {
+        let (from, to) = (sums[k.saturating_sub(half)], sums[(k + half + 1).min(n)]);
+        let uneven = uneven_px * uneven_px * (to.1 - from.1);
+        let share = (1.0 - uneven / f64::max(to.0 - from.0, 1e-9)).max(0.0);
+        *calm += share as f32 * (closer - *calm);
     }
 }
 
