@@ -8,8 +8,8 @@ use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::scoring::{StretchScores, join_views};
 use rayon::prelude::*;
 
-/// Parts of the stretches, each of which is judged by the calibration of the others: more parts, nearer to the final one.
-const PARTS: usize = 7;
+/// Parts of the stretches, each of which is judged by the calibration of the others.
+const PARTS: usize = 4;
 
 /// Evidence of held-back stretches: `[view][stretch][factor]`.
 pub(super) type Held = Vec<Vec<Vec<Evidence>>>;
