@@ -88,17 +88,15 @@ impl ViewAppearance {
     }
 
     /// Third pass: calibrates every filter of every factor on `stretches` of held-back intact rope (`[stretch][factor]`).
-    /// False if there were too few.
+    /// False if there were too few for the gray values.
     pub fn calibrate(&mut self, stretches: &[impl AsRef<[Evidence]>], pitch_mm: f64) -> bool {
         for (f, factor) in self.factors.iter_mut().enumerate() {
             let mut sums = CalibrationSums::default();
             stretches.iter().filter_map(|s| s.as_ref().get(f)).for_each(|e| sums.add(e, pitch_mm));
-            match sums.calibrate() {
-                Some(calibration) => factor.calibration = calibration,
-                None => return false,
-            }
+            // Little rope may not tell what is usual of a further factor: then it is not asked.
+            factor.calibration = sums.calibrate().unwrap_or_default();
         }
-        true
+        self.factors.first().is_some_and(|gray| !gray.calibration.is_empty())
     }
 
     /// Scores the evidence of a stretch.

@@ -101,14 +101,10 @@ impl CalibrationSums {
         });
     }
 
-    /// Calibrates every filter that was asked. `None` if there are too few samples of one.
+    /// Calibrates every filter that was asked and has enough samples. `None` if there is none.
     pub fn calibrate(mut self) -> Option<Vec<Option<FilterCalibration>>> {
-        let of_filter = |samples: &mut Vec<Sample>| match samples.len() {
-            0 => Some(None),
-            1..LEAST_SAMPLES => None,
-            _ => Some(Some(calibrate(samples))),
-        };
-        let calibrations: Vec<_> = self.samples.iter_mut().map(of_filter).collect::<Option<_>>()?;
+        let enough = |samples: &mut Vec<Sample>| (samples.len() >= LEAST_SAMPLES).then(|| calibrate(samples));
+        let calibrations: Vec<_> = self.samples.iter_mut().map(enough).collect();
         calibrations.iter().any(Option::is_some).then_some(calibrations)
     }
 }
