@@ -20,8 +20,13 @@ pub struct Grain {
     lag_px: usize,
     /// The last lines, averaged over three columns and two lines: line k is at k modulo their number.
     averaged: Vec<Vec<f32>>,
+    /// Where in there the line is that was taken last, and the one that it is compared with.
+    now: usize,
+    before: usize,
     /// The last line, averaged over three columns.
     last: Vec<f32>,
+    /// Its gray values.
+    gray: Vec<f32>,
     /// Of every column, when it was last looked at (line and strand) and how it deviated.
     looked_at: Vec<(usize, f32)>,
 }
@@ -34,23 +39,26 @@ impl Grain {
             lag_lines,
             lag_px: ((ACROSS_MM * camera.px_per_mm).round() as usize).max(1),
             averaged: vec![vec![0.0; width_px]; lag_lines + 1],
+            now: 0,
+            before: 0,
             last: vec![0.0; width_px],
+            gray: vec![0.0; width_px],
             looked_at: vec![(usize::MAX, 0.0); width_px],
         }
     }
 
-    /// Takes the next line. Answers whether it is one of those that are compared.
+    /// Takes the next line; its first and last columns never show rope. Answers whether it is one of those that are compared.
     pub fn take(&mut self, line: usize, row: &[u8], fine: &[f32; 256]) -> bool {
-        let at = line % self.averaged.len();
-        let averaged = &mut self.averaged[at];
-        let gray = |column: usize| fine[usize::from(row[column])];
-        let width = row.len();
-        for (column, averaged) in averaged.iter_mut().enumerate() {
-            let (left, right) = (column.saturating_sub(1), (column + 1).min(width - 1));
-            let here = (gray(left) + gray(column) + gray(right)) / 3.0;
-            let last = if line == 0 { here } else { self.last[column] };
-            *averaged = (here + last) / 2.0;
-            self.last[column] = here;
+        self.now = line % self.averaged.len();
+        self.before = (line + 1) % self.averaged.len();
+        self.gray.iter_mut().zip(row).for_each(|(gray, &pixel)| *gray = fine[usize::from(pixel)]);
+        let averaged = &mut self.averaged[self.now];
+        let inner = self.gray.len().saturating_sub(2);
+        let inside = averaged[1..].iter_mut().zip(&mut self.last[1..]).take(inner);
+        for ((averaged, last), gray) in inside.zip(self.gray.windows(3)) {
+            let here = (gray[0] + gray[1] + gray[2]) / 3.0;
+            *averaged = (here + if line == 0 { here } else { *last }) / 2.0;
+            *last = here;
         }
         line.is_multiple_of(EVERY_LINES)
     }
@@ -62,8 +70,8 @@ impl Grain {
 
     /// Squared change along the wire up to a pixel: `moved_px` is where its place was on the line before, relative to it now.
     #[inline]
-    pub fn along(&self, line: usize, column: usize, moved_px: f32) -> Option<f32> {
-        let (now, before) = (self.row(line), self.row(line - self.lag_lines));
+    pub fn along(&self, column: usize, moved_px: f32) -> Option<f32> {
+        let (now, before) = (&self.averaged[self.now], &self.averaged[self.before]);
         let from = column as f32 + moved_px;
         if !(from >= 0.0 && from < (now.len() - 1) as f32) {
             return None;
@@ -78,7 +86,7 @@ impl Grain {
     #[inline]
     pub fn across(&mut self, line: usize, strand: usize, column: usize, expected: f32) -> Option<f32> {
         let when = line << 8 | strand;
-        let deviation = self.row(line)[column] - expected;
+        let deviation = self.averaged[self.now][column] - expected;
         self.looked_at[column] = (when, deviation);
         let (then, beside) = self.looked_at[column.checked_sub(self.lag_px)?];
         (then == when).then_some((deviation - beside) * (deviation - beside))
@@ -87,10 +95,5 @@ impl Grain {
     /// How many lines lie between a line and the one that it is compared with.
     pub fn lag_lines(&self) -> usize {
         self.lag_lines
-    }
-
-    #[inline]
-    fn row(&self, line: usize) -> &[f32] {
-        &self.averaged[line % self.averaged.len()]
     }
 }

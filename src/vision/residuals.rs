@@ -93,7 +93,7 @@ impl Residuals {
                     sums.cell = point.cell as u32;
                     if let (true, Some(axis_moved_px)) = (compared, axis_moved_px) {
                         let moved_px = axis_moved_px - lag_lines * point.slope_px;
-                        if let Some(change) = grain.along(line, point.column, moved_px) {
+                        if let Some(change) = grain.along(point.column, moved_px) {
                             sums.along += change;
                             sums.alongs += 1.0;
                         }

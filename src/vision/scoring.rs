@@ -10,6 +10,9 @@ use super::histogram::REGIONS;
 /// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
 const LEAST_SHARE: f32 = 0.25;
 
+/// Cells that are looked at together for whether any is seen.
+const TOGETHER: usize = 16;
+
 /// Calibration of one filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FilterCalibration {
@@ -51,12 +54,18 @@ impl FilterCalibration {
         let levels: [(f32, f32); UNSEEN as usize + 1] = std::array::from_fn(|r| {
             self.regions.get(r).map_or((0.0, f32::NAN), |level| (level.middle, per_decade / level.upward))
         });
-        let cells = filtered.sums.iter().zip(filtered.pixels).zip(filtered.regions);
-        for (highest, ((&sum, &n), &region)) in highest.iter_mut().zip(cells) {
-            let (middle, rise) = levels[usize::from(region)];
-            let score = from + (normalised(sum, n, self.shared as f32) - middle) * rise;
-            let judged = if n >= least { score } else { UNJUDGED };
-            *highest = if judged > *highest { judged } else { *highest };
+        let cells = filtered.sums.chunks(TOGETHER).zip(filtered.pixels.chunks(TOGETHER));
+        let cells = cells.zip(filtered.regions.chunks(TOGETHER)).zip(highest.chunks_mut(TOGETHER));
+        for (((sums, pixels), regions), highest) in cells {
+            if regions.iter().all(|&region| region == UNSEEN) {
+                continue; // most of the rope is on the other side
+            }
+            for (highest, ((&sum, &n), &region)) in highest.iter_mut().zip(sums.iter().zip(pixels).zip(regions)) {
+                let (middle, rise) = levels[usize::from(region)];
+                let score = from + (normalised(sum, n, self.shared as f32) - middle) * rise;
+                let judged = if n >= least { score } else { UNJUDGED };
+                *highest = if judged > *highest { judged } else { *highest };
+            }
         }
     }
 }
