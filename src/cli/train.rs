@@ -4,20 +4,17 @@ use super::recording::Recording;
 use super::run_progress::{Watcher, say};
 use anyhow::{Context, bail, ensure};
 use ropescope::pipeline::learning_curve::sentence;
-use ropescope::pipeline::train::is_model;
+use ropescope::pipeline::train::{PASSES, is_model};
 use ropescope::pipeline::{Budget, TrainOptions, TrainReport, train};
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
 
-/// Stages of the pipeline, in order.
-const STAGES: &[&str] = &["learn", "calibrate"];
-
 /// Learns how intact rope looks and writes it as a model.
 ///
 /// DIR is an acquisition folder: rope.json and the frames of each view (view0/frame_000000.png, ...). Everything between
 /// --from-m and --to-m counts as intact, dirt and oil included: what the model has seen is no anomaly afterwards. A few
-/// metres of each rope are enough; the threshold for alarms is found on a part that is held back.
+/// metres of each rope are enough; for the threshold, every part is judged by what the others taught.
 #[derive(clap::Args)]
 #[command(after_long_help = "Examples:
   ropescope train intact --out rope.model
@@ -79,7 +76,7 @@ pub(crate) fn run(args: TrainArgs) -> anyhow::Result<()> {
     check_out(&args)?;
     let recording = Recording::open(&args.folder)?;
     check_range(&args, &recording)?;
-    let watcher = Watcher::start(args.json, STAGES)?;
+    let watcher = Watcher::start(args.json, &PASSES)?;
     if !args.json {
         say(&format!("{}: {}", args.folder.display(), recording.describe()));
     }

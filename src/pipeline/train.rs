@@ -21,6 +21,9 @@ use std::path::Path;
 
 pub use super::model_file::{is_model, read_report};
 
+/// The passes over the rope that a training makes, as its progress names them.
+pub const PASSES: [&str; 3] = ["learn", "learn more", "calibrate"];
+
 /// What to learn from.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TrainOptions {
@@ -103,12 +106,12 @@ pub fn train(
     let pitch_mm = acquisition.line_pitch_mm;
 
     let drive = |stage| Drive { acquisition, source, range: range.clone(), given_contours: None, stage, progress };
-    let used = drive("learn").reader()?.range();
+    let used = drive(PASSES[0]).reader()?.range();
 
     // First pass: gray values of intact rope.
     let stretches = used.len().div_ceil(aligner_spec(acquisition).stretch_lines(STRETCH_LINES));
     let mut gray = vec![GrowingGray::new(stretches); views];
-    each_view(&drive("learn"), &mut gray, |_| true, |number, aligned, gray| gray.take(number, &aligned))?;
+    each_view(&drive(PASSES[0]), &mut gray, |_| true, |number, aligned, gray| gray.take(number, &aligned))?;
     let learnt_view_m: f64 = gray.iter().map(|view| view.metres).sum();
     let aligned_m = learnt_view_m / views as f64;
     if aligned_m < LEAST_M {
@@ -118,14 +121,14 @@ pub fn train(
 
     // Second pass: the further factors, relative to the gray that is expected by what the other folds taught.
     let mut learning: Vec<LearningView> = gray.into_par_iter().map(|gray| LearningView::new(gray.folds)).collect();
-    each_view(&drive("learn more"), &mut learning, |_| true, |number, aligned, view| view.take(number, &aligned))?;
+    each_view(&drive(PASSES[1]), &mut learning, |_| true, |number, aligned, view| view.take(number, &aligned))?;
     let learnt: Vec<LearntView> = learning.into_par_iter().map(LearningView::learnt).collect();
 
     // Third pass: evidence of every fold by the others, for calibration and threshold.
     let kept = kept_stretches(acquisition, stretches);
     let mut evidence: Vec<(&LearntView, Vec<Vec<Evidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
     let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
-    each_view(&drive("calibrate"), &mut evidence, keeps, |number, aligned, (view, stretches)| {
+    each_view(&drive(PASSES[2]), &mut evidence, keeps, |number, aligned, (view, stretches)| {
         stretches.push(aligned.evidence(&view.by_others[fold_of(number)]));
     })?;
     let held: Held = evidence.into_iter().map(|(_, stretches)| stretches).collect();
