@@ -1,51 +1,71 @@
-//! Scores of intact rope as an inspection would give them: held-back stretches, each judged by a calibration that has not seen it.
+//! Scores of intact rope as an inspection would give them: stretches, each judged by a calibration that has not seen it.
 //!
 //! Calibrating on a stretch makes its own scores lower than those of unseen rope: the highest of many filters is fitted to just
 //! this stretch. A threshold from such scores lets ten times as many false defects pass as it promises.
 
 use crate::vision::evidence::Evidence;
 use crate::vision::inspection_model::ViewAppearance;
-use crate::vision::scoring::{StretchScores, join_views};
+use crate::vision::scoring::{CalibrationSums, StretchScores, join_views};
 use rayon::prelude::*;
 
 /// Parts of the stretches, each of which is judged by the calibration of the others.
 const PARTS: usize = 4;
 
-/// Evidence of held-back stretches: `[view][stretch][factor]`.
-pub(super) type Held = Vec<Vec<Vec<Evidence>>>;
+/// Evidence of intact stretches in one view, and what calibrates by it. Both `[stretch][factor]`.
+pub(super) struct Held {
+    evidence: Vec<Vec<Evidence>>,
+    sums: Vec<Vec<CalibrationSums>>,
+}
+
+impl Held {
+    /// Filters every stretch once: every calibration needs the same sums.
+    pub fn new(evidence: Vec<Vec<Evidence>>, pitch_mm: f64) -> Self {
+        let of_stretch = |factors: &Vec<Evidence>| {
+            let of_factor = |evidence: &Evidence| {
+                let mut sums = CalibrationSums::default();
+                sums.add(evidence, pitch_mm);
+                sums
+            };
+            factors.iter().map(of_factor).collect()
+        };
+        let sums = evidence.par_iter().map(of_stretch).collect();
+        Self { evidence, sums }
+    }
+
+    /// Calibrates a view on the stretches that are `wanted`. False if they are too few.
+    pub fn calibrate(&self, view: &mut ViewAppearance, wanted: impl Fn(usize) -> bool + Clone) -> bool {
+        view.calibrate(self.sums.iter().enumerate().filter(|(s, _)| wanted(*s)).map(|(_, sums)| &sums[..]))
+    }
+}
 
 /// The scores of all stretches that every view has, `[stretch][view]`; a single one can only be judged by itself. `None` if there is
 /// none, or too little in them to calibrate.
 pub(super) fn cross_scored(
     views: &[ViewAppearance],
-    held: &Held,
+    held: &[Held],
     strands: usize,
     pitch_mm: f64,
 ) -> Option<Vec<Vec<Option<StretchScores>>>> {
     // A view that missed a stretch is out of step: then only as many as all have count.
-    let stretches = held.iter().map(Vec::len).min().filter(|&n| n > 0)?;
-    let folds = PARTS.min(stretches);
-    let mut scored: Vec<Vec<Option<StretchScores>>> = vec![vec![None; views.len()]; stretches];
-    for fold in 0..folds {
-        let of_fold = |stretch: &usize| stretch % folds == fold;
-        let of_view: Vec<Vec<StretchScores>> = views
-            .par_iter()
-            .zip(held)
-            .map(|(view, held)| {
-                let mut view = view.clone();
-                let others: Vec<&[Evidence]> =
-                    (0..stretches).filter(|s| stretches == 1 || !of_fold(s)).map(|s| held[s].as_slice()).collect();
-                let calibrated = view.calibrate(&others, pitch_mm);
-                let judged = (0..stretches).filter(of_fold);
-                calibrated.then(|| judged.map(|s| view.score(held[s].clone(), pitch_mm)).collect())
-            })
-            .collect::<Option<_>>()?;
-        for (v, scores) in of_view.into_iter().enumerate() {
-            for (stretch, scores) in (0..stretches).filter(of_fold).zip(scores) {
-                scored[stretch][v] = Some(scores);
+    let stretches = held.iter().map(|held| held.evidence.len()).min().filter(|&n| n > 0)?;
+    let parts = PARTS.min(stretches);
+    let of_view = |(view, held): (&ViewAppearance, &Held)| {
+        let mut view = view.clone();
+        let mut scores: Vec<Option<StretchScores>> = vec![None; stretches];
+        for part in 0..parts {
+            let others = |s: usize| s < stretches && (stretches == 1 || s % parts != part);
+            if !held.calibrate(&mut view, others) {
+                return None;
+            }
+            for s in (part..stretches).step_by(parts) {
+                scores[s] = Some(view.score(held.evidence[s].clone(), pitch_mm));
             }
         }
-    }
+        Some(scores)
+    };
+    let mut of_views: Vec<_> = views.par_iter().zip(held).map(of_view).collect::<Option<_>>()?;
+    let of_stretch = |s: usize| of_views.iter_mut().map(|scores: &mut Vec<_>| scores[s].take()).collect();
+    let mut scored: Vec<Vec<Option<StretchScores>>> = (0..stretches).map(of_stretch).collect();
     scored.iter_mut().for_each(|views| join_views(views, strands));
     Some(scored)
 }

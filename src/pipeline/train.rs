@@ -131,12 +131,12 @@ pub fn train(
     each_view(&drive(PASSES[2]), &mut evidence, keeps, |number, aligned, (view, stretches)| {
         stretches.push(aligned.evidence(&view.by_others[fold_of(number)]));
     })?;
-    let held: Held = evidence.into_iter().map(|(_, stretches)| stretches).collect();
+    let held: Vec<Held> = evidence.into_iter().map(|(_, stretches)| Held::new(stretches, pitch_mm)).collect();
     let too_little = || PipelineError::TooLittleRope { aligned_m, needed_m: 2.0 * LEAST_M };
     let mut learnt: Vec<ViewAppearance> = learnt.into_iter().map(|view| view.whole).collect();
     let scored = cross_scored(&learnt, &held, acquisition.rope.strands(), pitch_mm).ok_or_else(too_little)?;
-    for (view, stretches) in learnt.iter_mut().zip(&held) {
-        if !view.calibrate(stretches, pitch_mm) {
+    for (view, held) in learnt.iter_mut().zip(&held) {
+        if !held.calibrate(view, |_| true) {
             return Err(too_little());
         }
     }

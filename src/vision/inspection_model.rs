@@ -87,12 +87,12 @@ impl ViewAppearance {
         Self { factors: std::iter::once(gray).chain(further).map(uncalibrated).collect() }
     }
 
-    /// Third pass: calibrates every filter of every factor on `stretches` of held-back intact rope (`[stretch][factor]`).
+    /// Third pass: calibrates every filter of every factor on stretches of intact rope (`[stretch][factor]`).
     /// False if there were too few for the gray values.
-    pub fn calibrate(&mut self, stretches: &[impl AsRef<[Evidence]>], pitch_mm: f64) -> bool {
+    pub fn calibrate<'a>(&mut self, stretches: impl Iterator<Item = &'a [CalibrationSums]> + Clone) -> bool {
         for (f, factor) in self.factors.iter_mut().enumerate() {
             let mut sums = CalibrationSums::default();
-            stretches.iter().filter_map(|s| s.as_ref().get(f)).for_each(|e| sums.add(e, pitch_mm));
+            stretches.clone().filter_map(|s| s.get(f)).for_each(|stretch| sums.join(stretch));
             // Little rope may not tell what is usual of a further factor: then it is not asked.
             factor.calibration = sums.calibrate().unwrap_or_default();
         }

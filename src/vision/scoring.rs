@@ -110,6 +110,11 @@ impl CalibrationSums {
         });
     }
 
+    /// Adds what another stretch gathered.
+    pub fn join(&mut self, other: &Self) {
+        self.samples.iter_mut().zip(&other.samples).for_each(|(all, samples)| all.extend_from_slice(samples));
+    }
+
     /// Calibrates every filter that was asked and has enough samples. `None` if there is none.
     pub fn calibrate(mut self) -> Option<Vec<Option<FilterCalibration>>> {
         let enough = |samples: &mut Vec<Sample>| (samples.len() >= LEAST_SAMPLES).then(|| calibrate(samples));

@@ -1,5 +1,7 @@
 //! How much rope the experiment gets.
 
+use crate::pipeline::train::PASSES;
+
 /// The amount of everything.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plan {
@@ -33,7 +35,7 @@ impl Plan {
     /// Metres of rope of all runs together, a training counting three times: it reads its rope so often.
     pub(super) fn total_m(&self) -> f64 {
         let inspections = if self.ablation { 1 + super::ablation::VARIANTS.len() } else { 1 };
-        super::rope::TRAINING_PASSES.len() as f64 * self.train_m + inspections as f64 * self.metres
+        PASSES.len() as f64 * self.train_m + inspections as f64 * self.metres
     }
 
     /// Lines that were trained on.

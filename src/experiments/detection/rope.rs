@@ -7,13 +7,11 @@ use super::super::work::Work;
 use super::judged::Judged;
 use super::plan::Plan;
 use crate::pipeline::model_file::Model;
+use crate::pipeline::train::PASSES;
 use crate::pipeline::{Acquisition, InspectOptions, TrainOptions, inspect, train};
 use crate::simulate::{Recipe, Scene, write};
 use std::path::Path;
 use tempfile::TempDir;
-
-/// Stages of a training, in order.
-pub(super) const TRAINING_PASSES: [&str; 3] = ["learn", "learn more", "calibrate"];
 
 /// A rope and a model of it.
 pub(super) struct Trained {
@@ -45,7 +43,7 @@ impl Trained {
         write::write_description(&scene, folder.path())?;
         let acquisition = write::rope_file(&scene).validate()?;
         let path = folder.path().join("rope.model");
-        let run = work.run_of(TRAINING_PASSES.len() as f64 * plan.train_m, &TRAINING_PASSES);
+        let run = work.run_of(PASSES.len() as f64 * plan.train_m, &PASSES);
         let options = TrainOptions { to_m: Some(plan.train_m), ..TrainOptions::default() };
         train(&acquisition, &SceneFrames(&scene), options, &path, &run)?;
         drop(run);
