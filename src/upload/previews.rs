@@ -72,12 +72,12 @@ impl<F: Fn(&Tick)> Transfer<F> {
     async fn missing_previews(&self, plan: &Plan) -> Result<Vec<Preview>, UploadError> {
         let path = format!("/acquisitions/{}/previews", self.acquisition_id);
         let answer = self.client.get(&path).await?;
+        let absent = named(&path, &answer)?;
         let mut missing = Vec::new();
-        for (view, absent) in named(&path, &answer)? {
-            let Some(frames) = plan.frames.get(view) else { continue };
+        for (view, frames) in plan.frames.iter().enumerate() {
             let mut first_line = 0;
             for (number, frame) in frames.iter().enumerate() {
-                if absent.binary_search(&number).is_ok() {
+                if absent.iter().any(|(v, numbers)| *v == view && numbers.contains(&number)) {
                     missing.push(Preview { view, number, first_line, frame: frame.clone() });
                 }
                 first_line += u64::from(self.lines.get(&(view, number)).copied().unwrap_or(0));
