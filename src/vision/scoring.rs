@@ -43,27 +43,48 @@ fn normalised(sum: f32, pixels: f32, shared: f32) -> f32 {
     sum / (pixels + shared * pixels * pixels).sqrt()
 }
 
-impl FilterCalibration {
+/// A calibration made ready to judge block after block.
+struct Judge {
+    least: f32,
+    shared: f32,
+    from: f32,
+    /// `[region]`: where scores rise from and how fast; what was not seen lies in none, and NaN raises nothing.
+    levels: [(f32, f32); UNSEEN as usize + 1],
+}
+
+impl Judge {
+    fn new(calibration: &FilterCalibration) -> Self {
+        let per_decade = 1.0 / (calibration.one_in_1000 - calibration.one_in_100).max(0.05) as f32;
+        let of_region = |region: usize| {
+            let level = calibration.regions.get(region);
+            level.map_or((0.0, f32::NAN), |level| (level.middle, per_decade / level.upward))
+        };
+        Self {
+            least: LEAST_SHARE * calibration.pixels as f32,
+            shared: calibration.shared as f32,
+            from: 2.0 - calibration.one_in_100 as f32 * per_decade,
+            levels: std::array::from_fn(of_region),
+        }
+    }
+
     /// Raises `highest` to the scores of what was filtered: minus the decimal logarithm of how often intact rope exceeds it.
     /// Where too few pixels fell in, nothing is said.
-    pub fn raise(&self, highest: &mut [f32], filtered: Filtered<'_>) {
-        let least = LEAST_SHARE * self.pixels as f32;
-        let per_decade = 1.0 / (self.one_in_1000 - self.one_in_100).max(0.05) as f32;
-        let from = 2.0 - self.one_in_100 as f32 * per_decade;
-        // Sums of a region rise from `middle`; what was not seen lies in none and is never judged.
-        let levels: [(f32, f32); UNSEEN as usize + 1] = std::array::from_fn(|r| {
-            self.regions.get(r).map_or((0.0, f32::NAN), |level| (level.middle, per_decade / level.upward))
-        });
+    fn raise(&self, highest: &mut [f32], filtered: Filtered<'_>) {
         let cells = filtered.sums.chunks(TOGETHER).zip(filtered.pixels.chunks(TOGETHER));
         let cells = cells.zip(filtered.regions.chunks(TOGETHER)).zip(highest.chunks_mut(TOGETHER));
         for (((sums, pixels), regions), highest) in cells {
             if regions.iter().all(|&region| region == UNSEEN) {
                 continue; // most of the rope is on the other side
             }
-            for (highest, ((&sum, &n), &region)) in highest.iter_mut().zip(sums.iter().zip(pixels).zip(regions)) {
-                let (middle, rise) = levels[usize::from(region)];
-                let score = from + (normalised(sum, n, self.shared as f32) - middle) * rise;
-                let judged = if n >= least { score } else { UNJUDGED };
+            // Roots and quotients side by side first: the look-up after them can only be made one by one.
+            let mut normal = [0.0f32; TOGETHER];
+            for (normal, (&sum, &n)) in normal.iter_mut().zip(sums.iter().zip(pixels)) {
+                *normal = normalised(sum, n, self.shared);
+            }
+            for (highest, ((&normal, &n), &region)) in highest.iter_mut().zip(normal.iter().zip(pixels).zip(regions)) {
+                let (middle, rise) = self.levels[usize::from(region)];
+                let score = self.from + (normal - middle) * rise;
+                let judged = if n >= self.least { score } else { UNJUDGED };
                 *highest = if judged > *highest { judged } else { *highest };
             }
         }
@@ -210,9 +231,10 @@ pub fn score(factors: &[(Evidence, &[Option<FilterCalibration>])], pitch_mm: f64
     let mut support = vec![0.0f32; cells.len()];
     for (evidence, calibration) in factors {
         let mut factor = vec![UNJUDGED; cells.len()];
+        let judges: Vec<Option<Judge>> = calibration.iter().map(|c| c.as_ref().map(Judge::new)).collect();
         evidence.filtered(pitch_mm, |filter, first, filtered| {
-            if let Some(Some(calibration)) = calibration.get(filter) {
-                calibration.raise(&mut factor[first..first + row], filtered);
+            if let Some(Some(judge)) = judges.get(filter) {
+                judge.raise(&mut factor[first..first + row], filtered);
             }
         });
         for ((cell, support), score) in cells.iter_mut().zip(&mut support).zip(factor) {
