@@ -2,28 +2,27 @@
 //!
 //! Pixels fall into a grid of (block of lines, strand, place among its wires). A place keeps its number along a wire, so the
 //! paper's filter along the wire course is a plain sum over blocks. Defects are 0.5 mm gaps and 150 mm missing wires: several
-//! filter lengths and widths stand side by side.
+//! filter lengths stand side by side.
 
 use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
 use super::estimates::Estimates;
-use super::factor::Factor;
+use super::factor::{FACTOR_LENGTHS_MM, Factor};
 use super::histogram::{Histogram, region};
 use super::residuals::Residuals;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
+use std::ops::RangeInclusive;
 
 /// Length of a block along the rope in mm: finer than the smallest gap of interest.
 pub const BLOCK_MM: f64 = 0.5;
 
-/// A filter: how far it reaches along the wire (mm) and across the wires (in wires).
+/// A filter along the wire course, one wire wide. [Wacker13, sec. 5]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filter {
     /// Length along the rope in mm.
     pub length_mm: f64,
-    /// Width in wires.
-    pub wires: f64,
     /// Mean score that a place counts with at most.
     pub cut: f32,
 }
@@ -31,16 +30,16 @@ pub struct Filter {
 /// No mean score comes near this.
 const UNCUT: f32 = 1e3;
 
-/// The filters. One wire wide for what happens to single wires, wider for what happens to the surface. The longer a filter, the
-/// less a single place may say: a broken end must not raise a centimetre of sound rope on either side of it.
-pub const FILTERS: [Filter; 6] = [
-    Filter { length_mm: 1.5, wires: 1.0, cut: UNCUT },
-    Filter { length_mm: 4.0, wires: 1.0, cut: UNCUT },
-    Filter { length_mm: 12.0, wires: 1.0, cut: 2.0 },
-    Filter { length_mm: 40.0, wires: 1.0, cut: 1.0 },
-    Filter { length_mm: 8.0, wires: 3.0, cut: 2.0 },
-    Filter { length_mm: 25.0, wires: 3.0, cut: 1.0 },
+/// The filters. The longer a filter, the less a single place may say: a broken end must not raise a centimetre of sound rope on
+/// either side of it.
+pub const FILTERS: [Filter; 4] = [
+    Filter { length_mm: 1.5, cut: UNCUT },
+    Filter { length_mm: 4.0, cut: UNCUT },
+    Filter { length_mm: 12.0, cut: 2.0 },
+    Filter { length_mm: 40.0, cut: 1.0 },
 ];
+/// Width of all filters in wires.
+const FILTER_WIRES: f64 = 1.0;
 /// Region of places that no pixel fell into.
 pub const UNSEEN: u8 = u8::MAX;
 /// Reach about a place within which a pixel makes it seen: mm along the rope, wires across.
@@ -78,8 +77,8 @@ pub struct Evidence {
     pub strands: usize,
     /// Places per strand.
     pub places: usize,
-    /// Shortest filter that is asked in mm.
-    shortest_mm: f64,
+    /// Lengths of the filters that are asked in mm.
+    lengths_mm: RangeInclusive<f64>,
     sums: Vec<f32>,
     counts: Vec<f32>,
     /// Region of the surface that the place shows in this view; [`UNSEEN`] where no pixel fell.
@@ -107,13 +106,8 @@ pub fn learn(rope: &Rope, camera: &Camera, estimates: &Estimates, view: &ViewStr
 impl Evidence {
     /// Scores a further factor of the appearance at every place of the unrolled rope.
     pub fn of_factor(residuals: &Residuals, factor: Factor, appearance: &Appearance, pitch_mm: f64) -> Self {
-        let mut evidence = Self::empty(
-            residuals.block_lines,
-            residuals.blocks,
-            residuals.strands,
-            residuals.places,
-            factor.shortest_mm(),
-        );
+        let (blocks, strands, places) = (residuals.blocks, residuals.strands, residuals.places);
+        let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places, FACTOR_LENGTHS_MM);
         residuals.for_each(factor, pitch_mm, |at, cell, bin| {
             let score = factor.score(appearance, cell, bin);
             if score.is_finite() {
@@ -124,14 +118,20 @@ impl Evidence {
     }
 
     /// Empty evidence of so many blocks.
-    pub(super) fn empty(block_lines: usize, blocks: usize, strands: usize, places: usize, shortest_mm: f64) -> Self {
+    pub(super) fn empty(
+        block_lines: usize,
+        blocks: usize,
+        strands: usize,
+        places: usize,
+        lengths_mm: RangeInclusive<f64>,
+    ) -> Self {
         let len = blocks * strands * places;
         Self {
             block_lines,
             blocks,
             strands,
             places,
-            shortest_mm,
+            lengths_mm,
             sums: vec![0.0; len],
             counts: vec![0.0; len],
             regions: vec![UNSEEN; len],
@@ -148,20 +148,17 @@ impl Evidence {
     /// Calls `each` for every filter that is asked and every block with the number of the filter in [`FILTERS`], the index of the block's first cell, and what
     /// falls under the filter about each of the block's cells.
     pub fn filtered(&self, pitch_mm: f64, mut each: impl FnMut(usize, usize, Filtered<'_>)) {
-        let (mut pixels, mut sums) = (Vec::new(), Vec::new());
-        let mut before: Option<Filter> = None;
-        for (number, filter) in FILTERS.into_iter().enumerate().filter(|(_, f)| f.length_mm >= self.shortest_mm) {
-            // Filters of one width, and those of one cut, stand side by side and share what they sum across the wires.
-            let same_width = before.is_some_and(|before| before.wires == filter.wires);
-            if !same_width {
-                pixels = self.across(&self.counts, filter.wires);
+        let pixels = self.across(&self.counts, FILTER_WIRES);
+        let mut sums = Vec::new();
+        let mut cut_at: Option<f32> = None;
+        let asked = FILTERS.into_iter().enumerate().filter(|(_, filter)| self.lengths_mm.contains(&filter.length_mm));
+        for (number, filter) in asked {
+            // Filters of one cut stand side by side and share what they sum across the wires.
+            if cut_at != Some(filter.cut) {
+                let counted = self.sums.iter().zip(&self.counts).map(|(sum, n)| sum.min(filter.cut * n));
+                sums = self.across(&counted.collect::<Vec<f32>>(), FILTER_WIRES);
             }
-            if !same_width || before.is_some_and(|before| before.cut != filter.cut) {
-                let cut: Vec<f32> =
-                    self.sums.iter().zip(&self.counts).map(|(sum, n)| sum.min(filter.cut * n)).collect();
-                sums = self.across(&cut, filter.wires);
-            }
-            before = Some(filter);
+            cut_at = Some(filter.cut);
             self.along(&sums, &pixels, filter.length_mm, pitch_mm, |first, sums, pixels| {
                 let regions = &self.regions[first..first + sums.len()];
                 each(number, first, Filtered { sums, pixels, regions });

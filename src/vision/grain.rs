@@ -1,15 +1,12 @@
-//! The grain of the surface, pixel by pixel: how much the gray changes along a wire and across it.
+//! The grain of the surface, pixel by pixel: how much the gray changes along a wire.
 //!
 //! Pits and scratches are some tenths of a millimetre large. Comparing pixels on the wire's own course sees them where blocks of
 //! the unrolled rope are too coarse. A little averaging comes first: noise of the sensor is not grain.
 
-use super::camera::Camera;
 use super::surface_map::whole;
 
 /// Distance along the wire over which pixels are compared in mm.
 const ALONG_MM: f64 = 0.3;
-/// The same across the wire.
-const ACROSS_MM: f64 = 0.25;
 /// One of so many lines is compared: neighbours show the same grain.
 const EVERY_LINES: usize = 2;
 
@@ -17,7 +14,6 @@ const EVERY_LINES: usize = 2;
 #[derive(Debug, Clone)]
 pub struct Grain {
     lag_lines: usize,
-    lag_px: usize,
     /// The last lines, averaged over three columns and two lines: line k is at k modulo their number.
     averaged: Vec<Vec<f32>>,
     /// Where in there the line is that was taken last, and the one that it is compared with.
@@ -27,23 +23,19 @@ pub struct Grain {
     last: Vec<f32>,
     /// Its gray values.
     gray: Vec<f32>,
-    /// Of every column, when it was last looked at (line and strand) and how it deviated.
-    looked_at: Vec<(usize, f32)>,
 }
 
 impl Grain {
     /// For images of `width_px` columns.
-    pub fn new(camera: &Camera, pitch_mm: f64, width_px: usize) -> Self {
+    pub fn new(pitch_mm: f64, width_px: usize) -> Self {
         let lag_lines = ((ALONG_MM / pitch_mm).round() as usize).max(1);
         Self {
             lag_lines,
-            lag_px: ((ACROSS_MM * camera.px_per_mm).round() as usize).max(1),
             averaged: vec![vec![0.0; width_px]; lag_lines + 1],
             now: 0,
             before: 0,
             last: vec![0.0; width_px],
             gray: vec![0.0; width_px],
-            looked_at: vec![(usize::MAX, 0.0); width_px],
         }
     }
 
@@ -80,16 +72,6 @@ impl Grain {
         let share = from - left as f32;
         let change = now[column] - (before[left] + share * (before[left + 1] - before[left]));
         Some(change * change)
-    }
-
-    /// Squared change of the deviation from what is expected, across the wires of a strand.
-    #[inline]
-    pub fn across(&mut self, line: usize, strand: usize, column: usize, expected: f32) -> Option<f32> {
-        let when = line << 8 | strand;
-        let deviation = self.averaged[self.now][column] - expected;
-        self.looked_at[column] = (when, deviation);
-        let (then, beside) = self.looked_at[column.checked_sub(self.lag_px)?];
-        (then == when).then_some((deviation - beside) * (deviation - beside))
     }
 
     /// How many lines lie between a line and the one that it is compared with.

@@ -4,7 +4,7 @@ use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
-use super::factor::Factor;
+use super::factor::{Factor, GRAY_LENGTHS_MM};
 use super::grain::Grain;
 use super::histogram::region;
 use super::rope::Rope;
@@ -28,10 +28,10 @@ pub struct Residuals {
     pub places: usize,
     /// Mean deviation of the gray bin from its expected value; NaN where no pixel fell.
     deviation: Vec<f32>,
+    /// Mean of that expected value; NaN where no pixel fell.
+    expected: Vec<f32>,
     /// Mean squared change of the pixels along the wire; NaN where none could be compared.
     along: Vec<f32>,
-    /// The same across the wire.
-    across: Vec<f32>,
     /// Surface cell that the place shows.
     surface_cell: Vec<u32>,
 }
@@ -43,15 +43,16 @@ struct Sums {
     scored: f32,
     deviation: f32,
     expected: f32,
+    pixels: f32,
     along: f32,
     alongs: f32,
-    across: f32,
-    acrosses: f32,
     cell: u32,
 }
 
-/// Mean squared change that is added to both parts of their ratio: below it is what averaging left of the sensor's noise.
-const LEAST_GRAIN: f32 = 0.05;
+/// Fewest places of a wire that tell its shading.
+const LEAST_SHADED: f32 = 4.0;
+/// Least shading that is expected of a wire, as a sum of squares of gray bins over its places: less is no relief.
+const LEAST_RELIEF: f32 = 8.0;
 
 impl Residuals {
     /// Gathers a stretch: the evidence of the gray values themselves, and what deviates from their expectation, in one pass.
@@ -68,10 +69,10 @@ impl Residuals {
         let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
         let blocks = lines.div_ceil(block_lines);
         let mut sums = vec![Sums::default(); blocks * strands * places];
-        let mut evidence = Evidence::empty(block_lines, blocks, strands, places, 0.0);
+        let mut evidence = Evidence::empty(block_lines, blocks, strands, places, GRAY_LENGTHS_MM);
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
         let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
-        let mut grain = Grain::new(camera, pitch_mm, view.image.width());
+        let mut grain = Grain::new(pitch_mm, view.image.width());
         let lag_lines = grain.lag_lines() as f32;
         for line in 0..lines {
             let (row, bins) = (view.image.line(line), scale.line(line));
@@ -89,17 +90,14 @@ impl Residuals {
                 let expected = gray.expected(point.cell);
                 if expected.is_finite() {
                     sums.deviation += f32::from(bin) + 0.5 - expected;
-                    sums.expected += 1.0;
+                    sums.expected += expected;
+                    sums.pixels += 1.0;
                     sums.cell = point.cell as u32;
                     if let (true, Some(axis_moved_px)) = (compared, axis_moved_px) {
                         let moved_px = axis_moved_px - lag_lines * point.slope_px;
                         if let Some(change) = grain.along(point.column, moved_px) {
                             sums.along += change;
                             sums.alongs += 1.0;
-                        }
-                        if let Some(change) = grain.across(line, point.strand, point.column, expected) {
-                            sums.across += change;
-                            sums.acrosses += 1.0;
                         }
                     }
                 }
@@ -112,19 +110,19 @@ impl Residuals {
             strands,
             places,
             deviation: vec![f32::NAN; sums.len()],
+            expected: vec![f32::NAN; sums.len()],
             along: vec![f32::NAN; sums.len()],
-            across: vec![f32::NAN; sums.len()],
             surface_cell: vec![UNSEEN; sums.len()],
         };
         for (at, sums) in sums.into_iter().enumerate() {
-            let seen = sums.expected > 0.0;
+            let seen = sums.pixels > 0.0;
             evidence.set(at, sums.score, sums.scored, if seen { region(sums.cell as usize) } else { evidence::UNSEEN });
             if seen {
                 let along_wire = at % row * blocks + at / row;
                 residuals.surface_cell[along_wire] = sums.cell;
-                residuals.deviation[along_wire] = sums.deviation / sums.expected;
+                residuals.deviation[along_wire] = sums.deviation / sums.pixels;
+                residuals.expected[along_wire] = sums.expected / sums.pixels;
                 residuals.along[along_wire] = sums.along / sums.alongs; // NaN without any
-                residuals.across[along_wire] = sums.across / sums.acrosses;
             }
         }
         (evidence, residuals)
@@ -136,27 +134,42 @@ impl Residuals {
         let block_mm = self.block_lines as f64 * pitch_mm;
         let mut values = Vec::with_capacity(self.blocks);
         for column in 0..row {
-            let wire = column * self.blocks..(column + 1) * self.blocks;
-            let surface_cells = &self.surface_cell[wire.clone()];
-            if surface_cells.iter().all(|&cell| cell == UNSEEN) {
-                continue;
-            }
-            values.clear();
+            let along = column * self.blocks..(column + 1) * self.blocks;
+            let first_of_wire = column % PLACES_PER_WIRE == 0;
             match factor {
-                Factor::Contrast => contrast(&self.deviation[wire], block_mm, &mut values),
-                Factor::Roughness => roughness(&self.deviation[wire], block_mm, &mut values),
-                Factor::Texture => values.extend_from_slice(&self.along[wire]),
-                Factor::Isotropy => {
-                    let grains = self.along[wire.clone()].iter().zip(&self.across[wire]);
-                    values.extend(grains.map(|(along, across)| (along + LEAST_GRAIN) / (across + LEAST_GRAIN)));
-                }
+                Factor::Contrast => contrast(&self.deviation[along.clone()], block_mm, &mut values),
+                Factor::Texture => self.along[along.clone()].clone_into(&mut values),
+                Factor::Relief if first_of_wire => self.relief(column, &mut values),
+                Factor::Relief => {} // all places of a wire have one
             }
-            for (block, (&value, &cell)) in values.iter().zip(surface_cells).enumerate() {
+            for (block, (&value, &cell)) in values.iter().zip(&self.surface_cell[along]).enumerate() {
                 if let (true, Some(bin)) = (cell != UNSEEN, factor.bin(value)) {
                     each(block * row + column, cell as usize, bin);
                 }
             }
         }
+    }
+
+    /// Missing share of the shading across a wire, block by block: 0 where it is as expected, 1 where the wire looks flat. Its places
+    /// begin at `column`.
+    fn relief(&self, column: usize, values: &mut Vec<f32>) {
+        values.clear();
+        values.extend((0..self.blocks).map(|block| {
+            let places = (column..column + PLACES_PER_WIRE).map(|place| place * self.blocks + block);
+            let (mut n, mut sum, mut squares, mut deviation, mut product) = (0.0, 0.0, 0.0, 0.0, 0.0);
+            for (expected, deviates) in places.map(|at| (self.expected[at], self.deviation[at])) {
+                if !expected.is_nan() {
+                    n += 1.0;
+                    sum += expected;
+                    squares += expected * expected;
+                    deviation += deviates;
+                    product += expected * deviates;
+                }
+            }
+            let shading = squares - sum * sum / n;
+            let told = n >= LEAST_SHADED && shading > LEAST_RELIEF;
+            if told { -(product - sum * deviation / n) / shading } else { f32::NAN }
+        }));
     }
 }
 
@@ -167,6 +180,10 @@ fn blocks_of(mm: f64, block_mm: f64) -> usize {
 
 /// Difference of every block of a wire from 2 to 7 mm before and behind it.
 fn contrast(deviation: &[f32], block_mm: f64, values: &mut Vec<f32>) {
+    values.clear();
+    if deviation.iter().all(|d| d.is_nan()) {
+        return; // a wire on the other side
+    }
     let running = RunningSums::new(deviation.iter().copied());
     let [inner, gap, outer] = [0.5, 2.0, 7.0].map(|mm| blocks_of(mm, block_mm));
     let inner = inner / 2;
@@ -181,14 +198,6 @@ fn contrast(deviation: &[f32], block_mm: f64, values: &mut Vec<f32>) {
         };
         here - around
     }));
-}
-
-/// Mean squared change from block to block within 1.5 mm of every block of a wire.
-fn roughness(deviation: &[f32], block_mm: f64, values: &mut Vec<f32>) {
-    let before = std::iter::once(&f32::NAN).chain(deviation);
-    let running = RunningSums::new(deviation.iter().zip(before).map(|(d, before)| (d - before) * (d - before)));
-    let reach = blocks_of(1.5, block_mm);
-    values.extend((0..deviation.len()).map(|block| running.mean(block.saturating_sub(reach), block + reach + 1)));
 }
 
 /// Sum and number of the values before each, NaN counting as absent.
