@@ -207,17 +207,21 @@ fn white(width: usize, lines: usize) -> GrayImage {
 /// The likelihood map of a stretch: dark is unlikely, white is usual, was not judged or is no rope.
 fn likelihood_map(seen: &AlignedView<'_>, scores: &StretchScores) -> GrayImage {
     let lines = seen.view.image.lines();
-    let mut image = white(seen.view.image.width(), lines);
+    let width = seen.view.image.width();
+    let mut image = white(width, lines);
     let mut map = seen.surface_map();
-    for line in 0..lines {
-        let row = line / scores.block_lines * seen.rope.strands() * scores.places;
-        let target = image.line_mut(line);
-        map.for_each(line, seen.view.axis_px[line], |point| {
+    let mut drawn = vec![255u8; width];
+    for (block, first) in (0..lines).step_by(scores.block_lines).enumerate() {
+        let row = block * seen.rope.strands() * scores.places;
+        drawn.fill(255);
+        map.for_each(first, seen.view.axis_px[first], |point| {
             let score = scores.cells[row + point.strand * scores.places + point.place];
             if score.is_finite() {
-                target[point.column] = (255.0 * (1.0 - score / BLACK_AT_SCORE).clamp(0.0, 1.0)) as u8;
+                drawn[point.column] = (255.0 * (1.0 - score / BLACK_AT_SCORE).clamp(0.0, 1.0)) as u8;
             }
         });
+        // A score holds for a block.
+        (first..(first + scores.block_lines).min(lines)).for_each(|line| image.line_mut(line).copy_from_slice(&drawn));
     }
     image
 }

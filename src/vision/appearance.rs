@@ -164,6 +164,12 @@ impl Appearance {
         self.score[cell * GRAY_BINS + usize::from(gray_bin)]
     }
 
+    /// Anomaly scores of all gray bins at a surface cell.
+    #[inline]
+    pub fn scores(&self, cell: usize) -> &[f32] {
+        &self.score[cell * GRAY_BINS..(cell + 1) * GRAY_BINS]
+    }
+
     /// How many standard deviations a bin is above what is expected at a surface cell; NaN where the model cannot tell.
     #[inline]
     pub fn above(&self, cell: usize, bin: u8) -> f32 {

@@ -91,14 +91,29 @@ pub fn block_lines(pitch_mm: f64) -> usize {
 }
 
 /// Adds the pixels of a stretch to a histogram of intact rope: gray bin by surface cell (eq. 18).
-pub fn learn(rope: &Rope, camera: &Camera, estimates: &Estimates, view: &ViewStretch, histogram: &mut Histogram) {
+pub fn learn(
+    rope: &Rope,
+    camera: &Camera,
+    estimates: &Estimates,
+    view: &ViewStretch,
+    block_lines: usize,
+    histogram: &mut Histogram,
+) {
     let half_width_px = camera.px_per_mm * rope.diameter_mm() / 2.0;
     let scale = GrayScale::new(&view.image, &view.axis_px, half_width_px);
     let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
-    for line in 0..view.image.lines() {
-        let (row, bins) = (view.image.line(line), scale.line(line));
-        map.for_each(line, view.axis_px[line], |point| {
-            histogram.add(point.cell, usize::from(bins[usize::from(row[point.column])]));
+    let lines = view.image.lines();
+    for first in (0..lines).step_by(block_lines) {
+        let block = first..(first + block_lines).min(lines);
+        let middle = (block.start + block.end) / 2;
+        map.for_each(middle, view.axis_px[middle], |point| {
+            for line in block.clone() {
+                let axis_moved_px = view.axis_px[line] - view.axis_px[middle];
+                let column = point.column_on(line as f32 - middle as f32, axis_moved_px);
+                if let Some(&pixel) = view.image.line(line).get(column) {
+                    histogram.add(point.cell, usize::from(scale.line(line)[usize::from(pixel)]));
+                }
+            }
         });
     }
 }

@@ -16,9 +16,6 @@ pub struct Grain {
     lag_lines: usize,
     /// The last lines, averaged over three columns and two lines: line k is at k modulo their number.
     averaged: Vec<Vec<f32>>,
-    /// Where in there the line is that was taken last, and the one that it is compared with.
-    now: usize,
-    before: usize,
     /// The last line, averaged over three columns.
     last: Vec<f32>,
     /// Its gray values.
@@ -26,25 +23,22 @@ pub struct Grain {
 }
 
 impl Grain {
-    /// For images of `width_px` columns.
-    pub fn new(pitch_mm: f64, width_px: usize) -> Self {
+    /// For images of `width_px` columns; the last `lines` that were taken can be asked about.
+    pub fn new(pitch_mm: f64, width_px: usize, lines: usize) -> Self {
         let lag_lines = ((ALONG_MM / pitch_mm).round() as usize).max(1);
         Self {
             lag_lines,
-            averaged: vec![vec![0.0; width_px]; lag_lines + 1],
-            now: 0,
-            before: 0,
+            averaged: vec![vec![0.0; width_px]; lag_lines + lines],
             last: vec![0.0; width_px],
             gray: vec![0.0; width_px],
         }
     }
 
-    /// Takes the next line; its first and last columns never show rope. Answers whether it is one of those that are compared.
-    pub fn take(&mut self, line: usize, row: &[u8], fine: &[f32; 256]) -> bool {
-        self.now = line % self.averaged.len();
-        self.before = (line + 1) % self.averaged.len();
+    /// Takes the next line; its first and last columns never show rope.
+    pub fn take(&mut self, line: usize, row: &[u8], fine: &[f32; 256]) {
         self.gray.iter_mut().zip(row).for_each(|(gray, &pixel)| *gray = fine[usize::from(pixel)]);
-        let averaged = &mut self.averaged[self.now];
+        let at = line % self.averaged.len();
+        let averaged = &mut self.averaged[at];
         let inner = self.gray.len().saturating_sub(2);
         let inside = averaged[1..].iter_mut().zip(&mut self.last[1..]).take(inner);
         for ((averaged, last), gray) in inside.zip(self.gray.windows(3)) {
@@ -52,30 +46,39 @@ impl Grain {
             *averaged = (here + if line == 0 { here } else { *last }) / 2.0;
             *last = here;
         }
-        line.is_multiple_of(EVERY_LINES)
     }
 
-    /// Line that a line is compared with.
-    pub fn before(&self, line: usize) -> Option<usize> {
-        line.checked_sub(self.lag_lines)
-    }
-
-    /// Squared change along the wire up to a pixel: `moved_px` is where its place was on the line before, relative to it now.
-    #[inline]
-    pub fn along(&self, column: usize, moved_px: f32) -> Option<f32> {
-        let (now, before) = (&self.averaged[self.now], &self.averaged[self.before]);
-        let from = column as f32 + moved_px;
-        if !(from >= 0.0 && from < (now.len() - 1) as f32) {
-            return None;
-        }
-        let left = whole(from) as usize;
-        let share = from - left as f32;
-        let change = now[column] - (before[left] + share * (before[left + 1] - before[left]));
-        Some(change * change)
+    /// A line that was taken, beside the one that it is compared with, if it is one of those that are compared.
+    pub fn compared(&self, line: usize) -> Option<Compared<'_>> {
+        let before = line.checked_sub(self.lag_lines).filter(|_| line.is_multiple_of(EVERY_LINES))?;
+        let averaged = |line: usize| &self.averaged[line % self.averaged.len()][..];
+        Some(Compared { line_before: before, now: averaged(line), before: averaged(before) })
     }
 
     /// How many lines lie between a line and the one that it is compared with.
     pub fn lag_lines(&self) -> usize {
         self.lag_lines
+    }
+}
+
+/// Two lines that are compared.
+#[derive(Debug, Clone, Copy)]
+pub struct Compared<'a> {
+    /// Number of the earlier one.
+    pub line_before: usize,
+    now: &'a [f32],
+    before: &'a [f32],
+}
+
+impl Compared<'_> {
+    /// Squared change along the wire up to a pixel: `moved_px` is where its place was on the line before, relative to it now.
+    #[inline]
+    pub fn along(&self, column: usize, moved_px: f32) -> Option<f32> {
+        let from = column as f32 + moved_px;
+        let left = whole(from) as usize;
+        let (now, before) = (self.now.get(column)?, self.before.get(left..left + 2)?);
+        let share = from - left as f32;
+        let change = now - (before[0] + share * (before[1] - before[0]));
+        Some(change * change)
     }
 }

@@ -48,7 +48,7 @@ pub struct AlignedView<'a> {
 impl AlignedView<'_> {
     /// First pass: adds the gray values to the histogram of eq. 18.
     pub fn learn_gray(&self, histogram: &mut Histogram) {
-        evidence::learn(self.rope, self.camera, self.estimates, self.view, histogram);
+        evidence::learn(self.rope, self.camera, self.estimates, self.view, self.block_lines, histogram);
     }
 
     /// Maps its lines to the surface of the rope.

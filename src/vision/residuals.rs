@@ -5,7 +5,7 @@ use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
 use super::factor::{Factor, GRAY_LENGTHS_MM};
-use super::grain::Grain;
+use super::grain::{Compared, Grain};
 use super::histogram::region;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
@@ -49,6 +49,31 @@ struct Sums {
     cell: u32,
 }
 
+impl Sums {
+    #[inline]
+    fn add(&mut self, other: &Self) {
+        self.score += other.score;
+        self.scored += other.scored;
+        self.deviation += other.deviation;
+        self.expected += other.expected;
+        self.pixels += other.pixels;
+        self.along += other.along;
+        self.alongs += other.alongs;
+        self.cell = other.cell;
+    }
+}
+
+/// A line of the block that is gathered.
+struct Line<'a> {
+    row: &'a [u8],
+    bins: &'a [u8; 256],
+    /// How far on it is from the line that was mapped, and how far the axis has moved since.
+    lines_on: f32,
+    axis_moved_px: f32,
+    /// It and the line that it is compared with, if it is, and how far the axis moves from it to that one.
+    compared: Option<(Compared<'a>, f32)>,
+}
+
 /// Fewest places of a wire that tell its shading.
 const LEAST_SHADED: f32 = 4.0;
 /// Least shading that is expected of a wire, as a sum of squares of gray bins over its places: less is no relief.
@@ -72,35 +97,50 @@ impl Residuals {
         let mut evidence = Evidence::empty(block_lines, blocks, strands, places, GRAY_LENGTHS_MM);
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
         let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
-        let mut grain = Grain::new(pitch_mm, view.image.width());
+        let mut grain = Grain::new(pitch_mm, view.image.width(), block_lines);
         let lag_lines = grain.lag_lines() as f32;
-        for line in 0..lines {
-            let (row, bins) = (view.image.line(line), scale.line(line));
-            let compared = grain.take(line, row, scale.fine(line));
-            let axis_moved_px = grain.before(line).map(|before| view.axis_px[before] - view.axis_px[line]);
-            let block = line / block_lines * strands;
-            map.for_each(line, view.axis_px[line], |point| {
-                let bin = bins[usize::from(row[point.column])];
-                let sums = &mut sums[(block + point.strand) * places + point.place];
-                let score = gray.score(point.cell, bin);
-                if score.is_finite() {
-                    sums.score += score;
-                    sums.scored += 1.0;
+        for block in 0..blocks {
+            // The surface is mapped once a block, at its middle; the other lines see the same places a little to the side.
+            let of_block = block * block_lines..((block + 1) * block_lines).min(lines);
+            let middle = (of_block.start + of_block.end) / 2;
+            let moved_px = |from: usize, to: usize| view.axis_px[to] - view.axis_px[from];
+            of_block.clone().for_each(|line| grain.take(line, view.image.line(line), scale.fine(line)));
+            let seen: Vec<Line<'_>> = of_block
+                .map(|line| Line {
+                    row: view.image.line(line),
+                    bins: scale.line(line),
+                    lines_on: line as f32 - middle as f32,
+                    axis_moved_px: moved_px(middle, line),
+                    compared: grain.compared(line).map(|pair| (pair, moved_px(line, pair.line_before))),
+                })
+                .collect();
+            map.for_each(middle, view.axis_px[middle], |point| {
+                let (expected, scores) = (gray.expected(point.cell), gray.scores(point.cell));
+                if !expected.is_finite() {
+                    return;
                 }
-                let expected = gray.expected(point.cell);
-                if expected.is_finite() {
-                    sums.deviation += f32::from(bin) + 0.5 - expected;
-                    sums.expected += expected;
-                    sums.pixels += 1.0;
-                    sums.cell = point.cell as u32;
-                    if let (true, Some(axis_moved_px)) = (compared, axis_moved_px) {
-                        let moved_px = axis_moved_px - lag_lines * point.slope_px;
-                        if let Some(change) = grain.along(point.column, moved_px) {
-                            sums.along += change;
-                            sums.alongs += 1.0;
+                let mut of_point = Sums { cell: point.cell as u32, ..Sums::default() };
+                for line in &seen {
+                    let column = point.column_on(line.lines_on, line.axis_moved_px);
+                    let Some(&pixel) = line.row.get(column) else { continue };
+                    let bin = line.bins[usize::from(pixel)];
+                    of_point.score += scores[usize::from(bin)];
+                    of_point.deviation += f32::from(bin) + 0.5 - expected;
+                    of_point.pixels += 1.0;
+                    if let Some((pair, axis_moved_px)) = &line.compared {
+                        if let Some(change) = pair.along(column, axis_moved_px - lag_lines * point.slope_px) {
+                            of_point.along += change;
+                            of_point.alongs += 1.0;
                         }
                     }
                 }
+                if of_point.score.is_nan() {
+                    of_point.score = 0.0; // a region that was hardly ever seen
+                } else {
+                    of_point.scored = of_point.pixels;
+                }
+                of_point.expected = expected * of_point.pixels;
+                sums[(block * strands + point.strand) * places + point.place].add(&of_point);
             });
         }
         let row = strands * places;

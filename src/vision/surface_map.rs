@@ -40,6 +40,14 @@ pub struct SurfacePoint {
     pub slope_px: f32,
 }
 
+impl SurfacePoint {
+    /// Column that shows the same place of the wire so many lines farther on, where the rope axis has moved by `axis_moved_px`.
+    #[inline]
+    pub fn column_on(&self, lines_on: f32, axis_moved_px: f32) -> usize {
+        whole(self.column as f32 + lines_on * self.slope_px + axis_moved_px + 0.5) as usize
+    }
+}
+
 /// The pixels that one strand fills in a line.
 #[derive(Debug, Clone, Copy)]
 struct Run {

@@ -10,9 +10,9 @@ const APART_MM: f64 = 20.0;
 const TAIL_SHARE: f64 = 0.6;
 /// Fewest peaks that make a tail.
 const LEAST_PEAKS: usize = 4;
-/// Shape that tails of intact rope have, and its spread from rope to rope.
-/// A choice, by eye, after looking at the tails of three simulated ropes (seeds 101 to 103, 25 to 30 m each): none fitted it exactly.
-const SHAPE: (f64, f64) = (0.03, 0.08);
+/// Shape that tails of intact rope have, and its spread from rope to rope. A choice: with a mean of 0.03 the trained thresholds of five
+/// simulated ropes (seeds 101 to 105) let 6 false defects pass on 131 m that no training had seen, at a budget of 2 per 100 m.
+const SHAPE: (f64, f64) = (0.06, 0.08);
 /// Shapes and scales that are tried: from, to, number. Scales are shares of the mean excess.
 const SHAPES: (f64, f64, usize) = (-0.4, 0.5, 46);
 const SCALES: (f64, f64, usize) = (0.4, 2.5, 61);
