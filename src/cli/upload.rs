@@ -63,8 +63,9 @@ pub(crate) struct UploadArgs {
     #[arg(long, value_name = "SECONDS", default_value_t = 10, requires = "watch")]
     frame_rests_s: u64,
     /// Send a reduced form of all frames first (3 % of the bytes): lay lengths and coverage are known when it is there. The frames
-    /// follow in the order in which the service wants them, suspicious metres first
-    #[arg(long, conflicts_with = "watch")]
+    /// follow in the order in which the service wants them, suspicious metres first. With --watch, previews of new frames go before the
+    /// frames that still wait
+    #[arg(long)]
     preview_first: bool,
     /// Compress frames without loss before they are sent; pays where the link is slower than about 100 Mbit/s
     #[arg(long)]

@@ -5,7 +5,7 @@
 //! What arrived of a request that was cut counts. A newer request ends an older one, so no lock outlives its link.
 
 use super::arrivals::{Arrival, Arrivals};
-use super::auth::{Caller, OPERATORS, UPLOADERS, authorise};
+use super::auth::{Caller, OPERATORS, UPLOADERS, authenticate, authorise};
 use super::raw_dump::RawDump;
 use super::{Problem, space, times, unpack};
 use crate::app::App;
@@ -111,6 +111,9 @@ async fn create(
         Problem::unknown_reference(format!("rope_id in Upload-Metadata is {rope:?}, which is no rope of this service"))
     })?;
     raw_dump(text, length)?; // said now, and not after hours of sending
+    if let Some(quota) = app.store.quota_of_rope(rope.id).await? {
+        space::within_quota(&quota, length)?;
+    }
     space::fits_on_disk(&app, length.saturating_mul(2))?; // the file, and the frames in it
     let archive = Archive {
         id: app.new_id(),
@@ -244,6 +247,8 @@ async fn receive(
     };
     let mut chunk = Chunk { app: &app, archive: &archive, received: archive.received.unsigned_abs() };
     let poured = chunk.pour(&mut stream, &arrival, checksum).await;
+    // A slow link takes hours: the token may have been revoked meanwhile.
+    authenticate(&app, &headers).await?.one_of(UPLOADERS)?;
     // Without a checksum that was promised and cannot be judged any more, whatever arrived counts.
     let whole = chunk.keep().await?;
     poured?;

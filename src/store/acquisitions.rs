@@ -159,6 +159,31 @@ async fn load(connection: &mut SqliteConnection, id: Id) -> Result<Option<Acquis
     }
 }
 
+/// Records how many frames the views have where that was not known. False if more are there, or announced, already.
+async fn frames_become_known(
+    connection: &mut SqliteConnection,
+    old: &Acquisition,
+    new: &NewAcquisition,
+) -> Result<bool, StoreError> {
+    for (view, (_, frames)) in old.views.iter().zip(&new.views) {
+        let (None, Some(frames)) = (view.frames_expected, frames) else { continue };
+        let recorded = sqlx::query(
+            "update view set frames_expected = $3 where acquisition_id = $1 and view = $2 and $3 > max(
+               coalesce((select max(frame) from frame where acquisition_id = $1 and view = $2), -1),
+               coalesce((select max(frame) from announced_frame where acquisition_id = $1 and view = $2), -1))",
+        )
+        .bind(old.row.id)
+        .bind(view.view)
+        .bind(frames)
+        .execute(&mut *connection)
+        .await?;
+        if recorded.rows_affected() == 0 {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 async fn load_views(connection: &mut SqliteConnection, id: Id) -> Result<Vec<View>, StoreError> {
     Ok(sqlx::query_as("select * from view where acquisition_id = $1 order by view")
         .bind(id)
@@ -167,7 +192,7 @@ async fn load_views(connection: &mut SqliteConnection, id: Id) -> Result<Vec<Vie
 }
 
 impl Store {
-    /// Creates an acquisition, or finds the one that the same call created before.
+    /// Creates an acquisition, or finds the one that the same call created before. How many frames a view has may become known later.
     pub async fn create_acquisition(
         &self,
         new: &NewAcquisition,
@@ -184,12 +209,17 @@ impl Store {
                 && row.acquired_at_ms == new.acquired_at_ms
                 && old.views.len() == new.views.len()
                 && old.views.iter().zip(&new.views).all(|(old, (angle_deg, frames))| {
-                    // A number that becomes known later, at the latest at completion, is no contradiction.
                     let frames_agree =
                         frames.is_none() || old.frames_expected.is_none() || old.frames_expected == *frames;
                     old.angle_deg == *angle_deg && frames_agree
                 });
-            return Ok(if same { Created::Same(old) } else { Created::Different });
+            if !same || !frames_become_known(&mut tx, &old, new).await? {
+                return Ok(Created::Different);
+            }
+            let views = load_views(&mut tx, new.id).await?;
+            tx.commit().await?;
+            self.arrivals.send_replace(()); // who waits for the end of the previews
+            return Ok(Created::Same(Acquisition { views, ..old }));
         }
         sqlx::query(
             "insert into acquisition (id, rope_id, line_pitch_mm, sensor_px, rope_width_px, start_m, acquired_at_ms, state, created_at_ms)

@@ -21,6 +21,7 @@ pub mod models;
 pub mod outbox;
 pub mod previews;
 pub mod provisional;
+pub mod quota;
 pub mod receipts;
 pub mod retention;
 mod rope_file;

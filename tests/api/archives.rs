@@ -166,6 +166,45 @@ async fn what_arrived_of_a_request_that_hangs_counts_and_asking_for_the_offset_e
 }
 
 #[tokio::test]
+async fn a_file_beyond_the_quota_is_refused_with_figures_before_its_first_byte() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let ropeway = app.admin.get(&format!("ropes/{rope}")).await.ok(200)["ropeway_id"].as_str().unwrap().to_owned();
+    app.admin.call("PUT", &format!("ropeways/{ropeway}/storage"), json!({ "quota_bytes": 5000 })).await.ok(200);
+    let problem = begin(&app.admin, &rope, 5001).await.problem(507, "insufficient-storage");
+    assert_eq!(
+        (&problem["value"], &problem["limit"], &problem["quota_bytes"]),
+        (&json!(5001), &json!(5000), &json!(5000))
+    );
+    begin(&app.admin, &rope, 5000).await.ok_status(201);
+}
+
+#[tokio::test]
+async fn a_file_whose_token_is_revoked_while_it_arrives_is_not_unpacked() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let laptop = app.caller(Role::Upload).await;
+    let bytes = tar(&honest());
+    let place = begin(&laptop, &rope, bytes.len()).await.header("location").to_owned();
+    let (sender, receiver) = tokio::sync::mpsc::channel::<Vec<u8>>(4);
+    let pieces =
+        futures::stream::unfold(receiver, async |mut r| r.recv().await.map(|b| (Ok::<_, std::io::Error>(b), r)));
+    let sending = chunk(&laptop, &place, 0, &[]).body(reqwest::Body::wrap_stream(pieces));
+    let caller = laptop.clone();
+    let sending = tokio::spawn(async move { caller.send(sending).await });
+    sender.send(bytes[..5000].to_vec()).await.unwrap();
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let token = laptop.token.unwrap().split('_').nth(1).unwrap().to_owned();
+    app.admin.send(app.admin.request("DELETE", &format!("tokens/{token}"))).await.ok(204);
+    sender.send(bytes[5000..].to_vec()).await.unwrap();
+    drop(sender);
+    sending.await.unwrap().problem(401, "unauthorized");
+    let archive = app.admin.get(&place.replace("/tus/", "/archives/")).await.ok(200);
+    assert_eq!((&archive["state"], &archive["received"]), (&json!("receiving"), &json!(0)));
+    assert_eq!(app.admin.get("acquisitions").await.ok(200)["items"], json!([]));
+}
+
+#[tokio::test]
 async fn hostile_archives_are_refused_and_nothing_is_stored() {
     let app = TestApp::start().await;
     let rope = app.admin.rope().await;

@@ -1,7 +1,9 @@
 //! Service and client killed without warning at random moments.
 
 use crate::process::{PROGRAM, Process, token};
-use crate::recording::{assert_stored, get, post, recording, repeated_frames, write_frame};
+use crate::recording::{
+    SENSOR_PX, assert_stored, frame_path, get, post, put_frame, recording, repeated_frames, write_frame,
+};
 use crate::uploader::{Uploader, free_port};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -63,11 +65,83 @@ fn full_what_a_service_killed_50_times_had_acknowledged_is_there() {
     kill_the_service(50, 900);
 }
 
+fn post_once(base: &str, token: &str, path: &str, body: &serde_json::Value) -> Option<u16> {
+    ropescope::tls::install();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let client = reqwest::Client::builder().no_proxy().build().unwrap();
+        let request = client.post(format!("{base}/api/v1/{path}")).bearer_auth(token).json(body);
+        Some(request.send().await.ok()?.status().as_u16())
+    })
+}
+
+/// Kills the service while it completes acquisitions, one after the other, and checks their frames for receipts.
+fn kill_completions(kills: usize) {
+    let mut rng = ChaCha8Rng::seed_from_u64(14);
+    let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    recording(source.path(), 1, 60);
+    let token = token(data.path());
+    let port = free_port();
+    let mut server = Process::serve(data.path(), port, &[]);
+    let first = Uploader::start(source.path(), &server.base, &token, &[]).report(WITHIN);
+    let (mut acknowledged, mut open) = (0, 0);
+    for kill in 0..kills {
+        let views = json!([{"angle_deg": 0, "frames": 1}, {"angle_deg": 90, "frames": 1}]);
+        let body = json!({"rope_id": first["rope_id"], "line_pitch_mm": 0.1, "sensor_px": SENSOR_PX, "views": views});
+        let id = post(&server.base, &token, "acquisitions", &body)["id"].as_str().unwrap().to_owned();
+        for view in 0..2 {
+            put_frame(&server.base, &token, &id, view, &std::fs::read(frame_path(source.path(), view, 0)).unwrap());
+        }
+        let completion = format!("acquisitions/{id}/completion");
+        let (base, asker, path) = (server.base.clone(), token.clone(), completion.clone());
+        let answer = std::thread::spawn(move || {
+            let completed = post_once(&base, &asker, &path, &json!({}));
+            let _ = post_once(&base, &asker, &path.replace("completion", "receipt"), &json!({}));
+            completed
+        });
+        std::thread::sleep(Duration::from_micros(rng.random_range(0..12_000)));
+        server.kill();
+        let answer = answer.join().unwrap();
+        server = Process::serve(data.path(), port, &[]);
+        let after = get(&server.base, &token, &format!("acquisitions/{id}"));
+        assert_eq!(after["frames_present"], 2, "kill {kill}");
+        match answer {
+            Some(status) => {
+                assert_eq!((status, &after["state"]), (200, &json!("complete")), "kill {kill}: it was acknowledged");
+                acknowledged += 1;
+            }
+            None => open += usize::from(after["state"] == "open"),
+        }
+        for _ in 0..2 {
+            assert_eq!(post(&server.base, &token, &completion, &json!({}))["state"], "complete", "kill {kill}");
+        }
+        let begun = Instant::now();
+        while post(&server.base, &token, &format!("acquisitions/{id}/receipt"), &json!({})).get("signature").is_none() {
+            assert!(begun.elapsed() < WITHIN, "kill {kill}: no receipt");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+    println!("{kills} kills: {acknowledged} completions were acknowledged before, {open} had not happened");
+    assert!(acknowledged > 0 && open > 0, "kills before and after: {acknowledged}, {open} of {kills}");
+    assert_eq!(files(data.path()), 2 * (kills + 1), "no file without owner");
+}
+
+#[test]
+fn a_completion_that_a_killed_service_had_acknowledged_holds_and_any_other_can_be_repeated() {
+    kill_completions(8);
+}
+
+#[test]
+#[ignore = "the full figures"]
+fn full_completions_of_a_service_killed_50_times_hold_or_can_be_repeated() {
+    kill_completions(50);
+}
+
 /// Kills the service while it works on jobs; every job ends with one inspection.
 #[test]
 #[ignore = "the full figures: takes minutes"]
 fn full_no_job_is_lost_or_doubled_when_its_service_is_killed() {
-    const JOBS: usize = 10;
+    const JOBS: usize = 25;
     let mut rng = ChaCha8Rng::seed_from_u64(12);
     let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let simulate = ["simulate", "--metres", "1", "--views", "1", "--seed", "3", "--out"];
