@@ -8,7 +8,8 @@ use crate::pipeline::results::{LayLengthRow, LineScoreFormat};
 use crate::pipeline::{
     Acquisition, Found, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions,
 };
-use crate::store::previews::{Preview, Suspicion};
+use crate::store::previewed::Suspicion;
+use crate::store::previews::Preview;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 

@@ -246,32 +246,3 @@ fn two_clients_that_send_one_acquisition_make_one_set_of_frames() {
     assert_eq!(reports[0]["acquisition_id"], reports[1]["acquisition_id"]);
     assert_stored(data.path(), reports[0]["acquisition_id"].as_str().unwrap(), source.path(), 60);
 }
-
-#[test]
-fn a_recording_that_grows_is_sent_as_it_grows_and_completed_when_it_rests() {
-    let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    recording(source.path(), 0, 60);
-    let token = token(data.path());
-    let server = Process::serve(data.path(), free_port(), &[]);
-    let watching = ["--watch", "--rests-s", "4", "--frame-rests-s", "1"];
-    let mut uploader = Uploader::start(source.path(), &server.base, &token, &watching);
-    for frame in 0..8 {
-        for view in 0..2 {
-            write_frame(source.path(), view, frame, 60);
-        }
-        std::thread::sleep(Duration::from_millis(300));
-        if frame == 5 {
-            let begun = Instant::now();
-            while uploader.held() == 0 {
-                assert!(begun.elapsed() < Duration::from_secs(20), "frames are sent while the recording grows");
-                std::thread::sleep(Duration::from_millis(50));
-            }
-            // A laptop that reboots goes on under the same acquisition.
-            uploader.kill();
-            uploader = Uploader::start(source.path(), &server.base, &token, &watching);
-        }
-    }
-    let report = uploader.report(WITHIN);
-    assert_eq!(report["frames"], 16);
-    assert_stored(data.path(), report["acquisition_id"].as_str().unwrap(), source.path(), 8);
-}
