@@ -36,7 +36,7 @@ const GATHERED: usize = 5;
 /// and half of the one that follows, because a short rest of the rope is joined to the last stretch.
 const NEEDED_BEHIND: f64 = 2.5;
 /// Time between two looks over the API.
-const LOOK: Duration = Duration::from_millis(10);
+const LOOK: Duration = Duration::from_millis(40);
 
 /// What became readable when, by the first line of its stretch (of a defect: by its first line).
 type Seen = Arc<Mutex<BTreeMap<u64, Told>>>;

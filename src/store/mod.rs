@@ -161,6 +161,7 @@ pub struct Store {
     folder: DataFolder,
     /// Told when a frame was recorded or an acquisition completed by this process.
     arrivals: watch::Sender<()>,
+    findings: watch::Sender<()>,
 }
 
 impl Store {
@@ -185,7 +186,7 @@ impl Store {
             .acquire_timeout(Duration::from_secs(30))
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        Ok(Self { writer, reader, folder, arrivals: watch::Sender::new(()) })
+        Ok(Self { writer, reader, folder, arrivals: watch::Sender::new(()), findings: watch::Sender::new(()) })
     }
 
     /// The files beside the database.
@@ -197,6 +198,11 @@ impl Store {
     /// processes do is not heard here.
     pub fn arrivals(&self) -> watch::Receiver<()> {
         self.arrivals.subscribe()
+    }
+
+    /// Tells when a running job of this process has found something.
+    pub fn findings(&self) -> watch::Receiver<()> {
+        self.findings.subscribe()
     }
 
     /// Begins a transaction that writes. Immediate: a transaction that reads first and writes later fails at once when
