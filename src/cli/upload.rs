@@ -136,7 +136,11 @@ pub(crate) fn run(args: UploadArgs) -> anyhow::Result<()> {
 
 /// The exit code of a failed upload; `None` if the error is none of an upload's.
 pub(crate) fn exit_code(error: &anyhow::Error) -> Option<u8> {
-    let UploadError::Client(error) = error.downcast_ref::<UploadError>()? else { return None };
+    let error = match error.downcast_ref::<UploadError>()? {
+        UploadError::Client(error) => error,
+        UploadError::OtherDesign { .. } => return Some(6),
+        _ => return None,
+    };
     Some(match error.status() {
         Some(401 | 403) => 4,
         Some(507) => 5,

@@ -52,7 +52,7 @@ pub mod thresholds;
 pub mod tickets;
 pub mod times;
 pub mod tokens;
-mod tus;
+pub mod tus;
 mod tus_chunk;
 pub mod unpack;
 mod upload;

@@ -19,6 +19,7 @@ use axum::routing::post;
 use axum::{Extension, Router};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
+use std::time::Duration;
 use uuid::Uuid;
 
 /// The only version that is spoken.
@@ -29,6 +30,9 @@ const EXTENSIONS: &str = "creation,checksum,expiration,termination";
 const MAX_BYTES: u64 = 1 << 40;
 /// A file that gets no byte for so long is removed.
 pub const EXPIRES_MS: i64 = 7 * 86_400_000;
+/// Time between two looks for files whose time is over.
+const TIDY_EVERY: Duration = Duration::from_secs(600);
+
 /// The routes of the protocol, below `/api/v1`.
 pub fn routes(app: &App) -> Router<App> {
     Router::new()
@@ -36,6 +40,19 @@ pub fn routes(app: &App) -> Router<App> {
         .route("/tus/{id}", axum::routing::head(offset).patch(tus_chunk::receive).delete(terminate))
         .layer(from_fn(version))
         .layer(from_fn_with_state((app.clone(), UPLOADERS), authorise))
+}
+
+/// Removes files that got no byte for too long, as long as the process lives.
+pub async fn tidy(app: App) {
+    loop {
+        if let Err(error) = app.store.remove_expired_archives(app.now_ms()).await {
+            tracing::warn!(%error, "uploads whose time is over were not removed");
+        }
+        tokio::select! {
+            () = app.shutdown.cancelled() => return,
+            () = tokio::time::sleep(TIDY_EVERY) => {}
+        }
+    }
 }
 
 /// Every answer names the version, and every request has to.

@@ -287,6 +287,26 @@ async fn an_upload_belongs_to_its_token_expires_and_can_be_terminated() {
     assert_eq!(head(&laptop, &place).await.status, 404);
 }
 
+#[tokio::test]
+async fn a_file_whose_time_is_over_goes_although_nobody_begins_another() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let place = begin(&app.admin, &rope, 100).await.header("location").to_owned();
+    let id = place.rsplit('/').next().unwrap().parse::<uuid::Uuid>().unwrap();
+    app.service.app.store.archive_received(ropescope::store::Id(id), 0, 1).await.unwrap();
+    let TestApp { service, data, .. } = app;
+    service.stop().await;
+    let app = TestApp::start_on(data, |_| {}).await;
+    for _ in 0..500 {
+        if head(&app.admin, &place).await.status == 404 {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(head(&app.admin, &place).await.status, 404);
+    assert_eq!(std::fs::read_dir(app.data.path().join("archives")).unwrap().count(), 0);
+}
+
 /// Begins a camera dump.
 async fn begin_dump(caller: &Caller, rope: &str, rope_json: &[u8], raw_bits: &str, length: usize) -> Answer {
     let pairs = [("rope_id", rope.as_bytes()), ("rope_json", rope_json), ("raw_bits", raw_bits.as_bytes())];

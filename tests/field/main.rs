@@ -6,6 +6,7 @@
 
 mod archives;
 mod disk;
+mod endings;
 mod growing;
 mod housekeeping;
 mod kills;

@@ -60,6 +60,11 @@ pub fn post(base: &str, token: &str, path: &str, body: &Value) -> Value {
     serde_json::from_str(&text).unwrap()
 }
 
+/// Puts JSON into a service.
+pub fn put(base: &str, token: &str, path: &str, body: &Value) {
+    answered(token, |client| client.put(format!("{base}/api/v1/{path}")).json(body));
+}
+
 /// Sends the first frame of a view.
 pub fn put_frame(base: &str, token: &str, acquisition: &str, view: usize, bytes: &[u8]) {
     let path = format!("{base}/api/v1/acquisitions/{acquisition}/views/{view}/frames/0");
