@@ -10,6 +10,8 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::json;
 use std::path::Path;
 use std::process::Command;
+use std::sync::mpsc;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 const WITHIN: Duration = Duration::from_secs(300);
@@ -65,17 +67,30 @@ fn full_what_a_service_killed_50_times_had_acknowledged_is_there() {
     kill_the_service(50, 900);
 }
 
-fn post_once(base: &str, token: &str, path: &str, body: &serde_json::Value) -> Option<u16> {
+/// Completes an acquisition and begins its receipt, in a thread that tells when it begins. Answers the status of the completion, if
+/// there was an answer, and how long it took.
+fn complete(base: &str, token: &str, id: &str) -> (mpsc::Receiver<()>, JoinHandle<(Option<u16>, Duration)>) {
     ropescope::tls::install();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(async {
-        let client = reqwest::Client::builder().no_proxy().build().unwrap();
-        let request = client.post(format!("{base}/api/v1/{path}")).bearer_auth(token).json(body);
-        Some(request.send().await.ok()?.status().as_u16())
-    })
+    let (token, urls) =
+        (token.to_owned(), ["completion", "receipt"].map(|what| format!("{base}/api/v1/acquisitions/{id}/{what}")));
+    let (begins, begun) = mpsc::channel();
+    let thread = std::thread::spawn(move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let client = reqwest::Client::builder().no_proxy().build().unwrap();
+            let post = async |url: &String| client.post(url).bearer_auth(&token).json(&json!({})).send().await.ok();
+            begins.send(()).unwrap();
+            let begun = Instant::now();
+            let status = post(&urls[0]).await.map(|answer| answer.status().as_u16());
+            let took = begun.elapsed();
+            post(&urls[1]).await;
+            (status, took)
+        })
+    });
+    (begun, thread)
 }
 
-/// Kills the service while it completes acquisitions, one after the other, and checks their frames for receipts.
+/// Kills the service while it completes acquisitions, one after the other, and reads their frames back for receipts.
 fn kill_completions(kills: usize) {
     let mut rng = ChaCha8Rng::seed_from_u64(14);
     let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
@@ -84,24 +99,26 @@ fn kill_completions(kills: usize) {
     let port = free_port();
     let mut server = Process::serve(data.path(), port, &[]);
     let first = Uploader::start(source.path(), &server.base, &token, &[]).report(WITHIN);
-    let (mut acknowledged, mut open) = (0, 0);
-    for kill in 0..kills {
+    let whole_but_open = |server: &Process| {
         let views = json!([{"angle_deg": 0, "frames": 1}, {"angle_deg": 90, "frames": 1}]);
         let body = json!({"rope_id": first["rope_id"], "line_pitch_mm": 0.1, "sensor_px": SENSOR_PX, "views": views});
         let id = post(&server.base, &token, "acquisitions", &body)["id"].as_str().unwrap().to_owned();
         for view in 0..2 {
             put_frame(&server.base, &token, &id, view, &std::fs::read(frame_path(source.path(), view, 0)).unwrap());
         }
-        let completion = format!("acquisitions/{id}/completion");
-        let (base, asker, path) = (server.base.clone(), token.clone(), completion.clone());
-        let answer = std::thread::spawn(move || {
-            let completed = post_once(&base, &asker, &path, &json!({}));
-            let _ = post_once(&base, &asker, &path.replace("completion", "receipt"), &json!({}));
-            completed
-        });
-        std::thread::sleep(Duration::from_micros(rng.random_range(0..12_000)));
+        id
+    };
+    let (_, undisturbed) = complete(&server.base, &token, &whole_but_open(&server));
+    let (_, usual) = undisturbed.join().unwrap();
+    let (mut acknowledged, mut open) = (0, 0);
+    for kill in 0..kills {
+        let id = whole_but_open(&server);
+        let (begun, answer) = complete(&server.base, &token, &id);
+        begun.recv().unwrap();
+        // Evenly over three times as long as it takes: before, during, and while frames are read back.
+        std::thread::sleep(usual.mul_f64(3.0 * (kill as f64 + rng.random::<f64>()) / kills as f64));
         server.kill();
-        let answer = answer.join().unwrap();
+        let (answer, _) = answer.join().unwrap();
         server = Process::serve(data.path(), port, &[]);
         let after = get(&server.base, &token, &format!("acquisitions/{id}"));
         assert_eq!(after["frames_present"], 2, "kill {kill}");
@@ -113,7 +130,8 @@ fn kill_completions(kills: usize) {
             None => open += usize::from(after["state"] == "open"),
         }
         for _ in 0..2 {
-            assert_eq!(post(&server.base, &token, &completion, &json!({}))["state"], "complete", "kill {kill}");
+            let again = post(&server.base, &token, &format!("acquisitions/{id}/completion"), &json!({}));
+            assert_eq!(again["state"], "complete", "kill {kill}");
         }
         let begun = Instant::now();
         while post(&server.base, &token, &format!("acquisitions/{id}/receipt"), &json!({})).get("signature").is_none() {
@@ -123,7 +141,7 @@ fn kill_completions(kills: usize) {
     }
     println!("{kills} kills: {acknowledged} completions were acknowledged before, {open} had not happened");
     assert!(acknowledged > 0 && open > 0, "kills before and after: {acknowledged}, {open} of {kills}");
-    assert_eq!(files(data.path()), 2 * (kills + 1), "no file without owner");
+    assert_eq!(files(data.path()), 2 * (kills + 2), "no file without owner");
 }
 
 #[test]
