@@ -187,7 +187,7 @@ impl Counter {
         }
         let since_s = self.begun.elapsed().min(RECENT).as_secs_f64().max(0.001);
         let speed = |of: &dyn Fn(&Acknowledged) -> bool| {
-            self.recent.iter().filter(|a| of(a)).map(|a| a.bytes as f64).sum::<f64>() / 1e6 / since_s
+            self.recent.iter().filter(|a| of(a)).map(|a| a.bytes).sum::<u64>() as f64 / 1e6 / since_s
         };
         let view = |(number, view): (usize, &ViewTick)| ViewTick {
             mb_per_second: speed(&|a| a.view == Some(number)),
@@ -228,6 +228,7 @@ mod tests {
         assert!(near(Some(tick.views[0].mb_per_second), 0.1) && near(Some(tick.views[1].mb_per_second), 0.05));
         assert!(near(tick.views[0].seconds_left(), 20.0) && near(tick.views[1].seconds_left(), 30.0), "{tick:?}");
         assert_eq!(tick.views[2].seconds_left(), Some(0.0), "nothing of it has to be sent");
+        assert_eq!(format!("{:.2}", tick.views[2].mb_per_second), "0.00", "and not less than nothing");
         assert_eq!((tick.bytes, tick.sent_bytes), (5_000_000, 1_500_000));
         assert!(near(Some(tick.mb_per_second), 0.55), "previews move, too: {tick:?}");
     }

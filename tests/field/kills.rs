@@ -108,7 +108,7 @@ fn kill_completions(kills: usize) {
         }
         id
     };
-    let (_, undisturbed) = complete(&server.base, &token, &whole_but_open(&server));
+    let (_begun, undisturbed) = complete(&server.base, &token, &whole_but_open(&server));
     let (_, usual) = undisturbed.join().unwrap();
     let (mut acknowledged, mut open) = (0, 0);
     for kill in 0..kills {
