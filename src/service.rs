@@ -100,6 +100,7 @@ impl Service {
             let rng = rand_chacha::ChaCha8Rng::from_rng(&mut rand::rng());
             let dispatcher = Dispatcher::new(app.store.clone(), Arc::clone(&app.clock), settings, rng);
             tasks.spawn(http::unpack::resume(app.clone()));
+            tasks.spawn(http::tus::tidy(app.clone()));
             tasks.spawn(dispatcher.run(Arc::clone(&app.outbox_wake), app.shutdown.clone()));
         }
         Ok(Self { app, address, tasks, instance, _service_lock: lock })

@@ -63,8 +63,9 @@ pub(crate) struct UploadArgs {
     #[arg(long, value_name = "SECONDS", default_value_t = 10, requires = "watch")]
     frame_rests_s: u64,
     /// Send a reduced form of all frames first (3 % of the bytes): lay lengths and coverage are known when it is there. The frames
-    /// follow in the order in which the service wants them, suspicious metres first
-    #[arg(long, conflicts_with = "watch")]
+    /// follow in the order in which the service wants them, suspicious metres first. With --watch, previews of new frames go before the
+    /// frames that still wait
+    #[arg(long)]
     preview_first: bool,
     /// Compress frames without loss before they are sent; pays where the link is slower than about 100 Mbit/s
     #[arg(long)]
@@ -135,7 +136,11 @@ pub(crate) fn run(args: UploadArgs) -> anyhow::Result<()> {
 
 /// The exit code of a failed upload; `None` if the error is none of an upload's.
 pub(crate) fn exit_code(error: &anyhow::Error) -> Option<u8> {
-    let UploadError::Client(error) = error.downcast_ref::<UploadError>()? else { return None };
+    let error = match error.downcast_ref::<UploadError>()? {
+        UploadError::Client(error) => error,
+        UploadError::OtherDesign { .. } => return Some(6),
+        _ => return None,
+    };
     Some(match error.status() {
         Some(401 | 403) => 4,
         Some(507) => 5,

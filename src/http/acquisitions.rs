@@ -236,6 +236,8 @@ pub async fn create_acquisition(State(app): State<App>, Json(body): Json<NewAcqu
 }
 
 /// Create an acquisition under an id of the client's choice
+///
+/// The same again is the same acquisition. It may say how many frames a view has where nobody has said so yet.
 #[utoipa::path(put, path = "/acquisitions/{id}", tag = "acquisitions",
     params(("id" = Uuid, Path, description = "The acquisition")), request_body = NewAcquisition, responses(
     (status = 201, description = "It was created", body = Acquisition, headers(("location" = String, description = "Its address"))),

@@ -14,11 +14,14 @@ use futures::Stream;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::time::Duration;
+use tokio::sync::watch::Receiver;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-/// Time between two looks at the job.
+/// Longest time between two looks at the job: what another process finds is not heard here.
 const LOOK: Duration = Duration::from_millis(400);
+/// Shortest time between two looks, however much is found.
+const REST: Duration = Duration::from_millis(20);
 
 /// An event of the stream, for the contract.
 #[derive(ToSchema)]
@@ -35,6 +38,8 @@ pub struct JobEvent {
 struct Watching {
     app: App,
     id: Id,
+    /// Jobs of this process have found something.
+    news: Receiver<()>,
     told: String,
     /// The run whose findings were told.
     run: i64,
@@ -54,6 +59,7 @@ struct Watching {
 pub async fn get_job_events(State(app): State<App>, Path(id): Path<Uuid>) -> Result<impl IntoResponse, Problem> {
     let job = app.store.job(Id(id)).await?.ok_or_else(|| Problem::no("job", id))?;
     let watching = Watching {
+        news: app.store.findings(),
         app,
         id: job.id,
         told: String::new(),
@@ -78,8 +84,10 @@ fn events(watching: Watching) -> impl Stream<Item = Result<Event, Infallible>> {
             // A job that cannot be read any more ends the stream; the client asks again and gets the problem.
             watching.look().await?;
             if watching.queue.is_empty() {
+                tokio::time::sleep(REST).await;
                 tokio::select! {
                     () = tokio::time::sleep(LOOK) => {}
+                    _ = watching.news.changed() => {}
                     () = watching.app.shutdown.cancelled() => return None, // the client comes back to the next process
                 }
             }

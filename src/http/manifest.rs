@@ -106,10 +106,10 @@ pub async fn post_manifest(
             to_send.push(FrameNumber { view: frame.view, frame: frame.frame });
         }
     }
-    let needs = app.store.space_needs(Id(id)).await?.ok_or_else(|| Problem::no("acquisition", id))?;
-    space::within_quota(&needs, needs.missing_bytes.unsigned_abs())?;
-    space::fits_on_disk(&app, needs.missing_bytes.unsigned_abs())?;
-    Ok(axum::Json(ManifestAnswer { to_send, missing_bytes: needs.missing_bytes }))
+    let missing_bytes = app.store.missing_bytes(Id(id)).await?;
+    space::fits_in_quota(&app, Id(id), missing_bytes.unsigned_abs()).await?;
+    space::fits_on_disk(&app, missing_bytes.unsigned_abs())?;
+    Ok(axum::Json(ManifestAnswer { to_send, missing_bytes }))
 }
 
 fn check(entry: ManifestEntry, limit_bytes: u64) -> Result<AnnouncedFrame, Problem> {

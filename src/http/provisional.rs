@@ -1,7 +1,7 @@
 //! What a running inspection has found so far: never results, and gone when the job ends.
 
 use super::Problem;
-use super::defects::Alarm;
+use super::defect::Alarm;
 use super::extract::{Path, Query};
 use super::inspections::check_view;
 use super::lay_lengths::LayLength;

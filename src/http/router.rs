@@ -4,8 +4,8 @@ use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOAD
 use super::{
     Problem, acquisitions, completion, defect_card, defects, deliveries, frames, guard, health, history, inspections,
     job_events, jobs, lay_lengths, line_scores, manifest, models, openapi, pictures, previews, provisional, receipts,
-    rope_windows, ropes, ropeways, surface_alarms, threshold_preview, thresholds, tokens, tus, unpack, wanted,
-    webhooks,
+    rope_windows, ropes, ropeways, surface_alarms, threshold_preview, thresholds, tickets, tokens, tus, unpack,
+    verdicts, wanted, webhooks,
 };
 use crate::app::App;
 use axum::Router;
@@ -72,7 +72,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(defect_card::get_defect_card))
         .routes(routes!(history::get_rope_history))
         .routes(routes!(history::get_ropeway_history));
-    let ticketers = OpenApiRouter::new().routes(routes!(defects::put_ticket));
+    let ticketers = OpenApiRouter::new().routes(routes!(tickets::put_ticket));
     let operators = OpenApiRouter::new()
         .routes(routes!(ropeways::create_ropeway))
         .routes(routes!(ropeways::put_ropeway))
@@ -85,7 +85,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(jobs::cancel_job))
         .routes(routes!(thresholds::put_threshold))
         .routes(routes!(threshold_preview::preview_threshold))
-        .routes(routes!(defects::post_verdict))
+        .routes(routes!(verdicts::post_verdict))
         .routes(routes!(deliveries::list_deliveries))
         .routes(routes!(deliveries::get_delivery))
         .routes(routes!(deliveries::redeliver));

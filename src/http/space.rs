@@ -4,7 +4,7 @@
 use super::Problem;
 use crate::app::App;
 use crate::store::Id;
-use crate::store::manifest::SpaceNeeds;
+use crate::store::quota::Quota;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -17,9 +17,7 @@ pub struct Room {
 impl Room {
     /// Takes room for an upload of `bytes`, if disk and quota have it. Errors: 507 with figures.
     pub async fn take(app: &App, acquisition: Id, bytes: u64) -> Result<Self, Problem> {
-        if let Some(needs) = app.store.space_needs(acquisition).await? {
-            within_quota(&needs, bytes)?;
-        }
+        fits_in_quota(app, acquisition, bytes).await?;
         let others = app.promised_bytes.fetch_add(bytes, Ordering::SeqCst);
         let room = Self { promised: Arc::clone(&app.promised_bytes), left: bytes };
         fits_on_disk(app, bytes.saturating_add(others))?;
@@ -58,10 +56,15 @@ pub fn fits_on_disk(app: &App, bytes: u64) -> Result<(), Problem> {
     .with("reserve_bytes", reserve))
 }
 
-/// Errors when `bytes` more exceed the quota of the ropeway.
-pub fn within_quota(needs: &SpaceNeeds, bytes: u64) -> Result<(), Problem> {
-    let used = needs.used_bytes.unsigned_abs();
-    match needs.quota_bytes.map(i64::unsigned_abs) {
+/// Errors when `bytes` more of an acquisition exceed the quota of its ropeway.
+pub async fn fits_in_quota(app: &App, acquisition: Id, bytes: u64) -> Result<(), Problem> {
+    app.store.quota_of(acquisition).await?.map_or(Ok(()), |quota| within_quota(&quota, bytes))
+}
+
+/// Errors when `bytes` more exceed a quota.
+pub fn within_quota(quota: &Quota, bytes: u64) -> Result<(), Problem> {
+    let used = quota.used_bytes.unsigned_abs();
+    match quota.quota_bytes.map(i64::unsigned_abs) {
         Some(quota) if used.saturating_add(bytes) > quota => Err(Problem::insufficient_storage(format!(
             "{bytes} bytes are needed, but the ropeway has used {used} bytes of its quota of {quota}: delete acquisitions or \
              raise the quota, then send the same again"

@@ -1,11 +1,11 @@
 //! Thresholds of a model: the trained one, and those that people set since.
 
 use super::auth::Caller;
-use super::defects::MAX_COMMENT;
 use super::extract::{Json, Path};
 use super::models;
 use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{MAX_NAME, check_text};
+use super::verdicts::MAX_COMMENT;
 use super::{Problem, times};
 use crate::app::App;
 use crate::pipeline::TrainReport;

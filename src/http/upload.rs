@@ -72,14 +72,15 @@ pub async fn receive<T>(
         if let Some(length) = length.filter(|&length: &u64| length > limit) {
             return Err(too_large(length, limit));
         }
-        let room = Room::take(app, Id(place.0), length.or(promise.bytes).unwrap_or(0)).await?;
+        let foreseen = length.or(promise.bytes);
+        let room = Room::take(app, Id(place.0), foreseen.unwrap_or(0)).await?;
         let permit = tokio::time::timeout(TURN, app.uploads.clone().acquire_owned()).await;
         let permit = permit
             .map_err(|_| Problem::busy(format!("{} frames are being received already", limits.uploads)))?
             .map_err(Problem::failure)?;
-        Ok((context, digest.or(promise.sha256), limit, room, permit))
+        Ok((context, digest.or(promise.sha256), limit, foreseen, room, permit))
     };
-    let (context, digest, limit, room, _permit) = match checked.await {
+    let (context, digest, limit, foreseen, room, _permit) = match checked.await {
         Ok(checked) => checked,
         Err(problem) => return Err(refuse(problem, &mut stream, limits.frame_bytes).await),
     };
@@ -106,6 +107,9 @@ pub async fn receive<T>(
             "sha-256 {expected} was promised, but the {bytes} bytes that arrived have {sha256}"
         ))
         .limit(sha256, expected));
+    }
+    if foreseen.is_none() {
+        space::fits_in_quota(app, Id(place.0), bytes).await?; // nobody had said how long it is
     }
     Ok(Arrived { file, sha256, bytes, context })
 }

@@ -6,13 +6,13 @@ use super::detection::defect_row;
 use super::results::{DefectRow, LayLengthRow};
 use crate::vision::defects::{Alarm, AlarmBuilder, merge, reach_lines};
 
-/// What a stretch brought.
+/// What one or more stretches brought.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
-    /// Lay lengths of the stretch, fused and of each view.
+    /// Lay lengths of the stretches, fused and of each view.
     pub lay_lengths: Vec<LayLengthRow>,
-    /// What is new among the defects.
-    pub defects: FoundDefects,
+    /// What is new among the defects; `None`: nothing is.
+    pub defects: Option<FoundDefects>,
 }
 
 /// Defects that are new or have changed.

@@ -68,10 +68,14 @@ pub fn inspect(
         _ => None,
     };
     let mut coverage = Coverage::default();
-    drive.run(&mut reader, |stretch, cameras| {
-        let rows = lay_length_rows(acquisition, &stretch);
-        for row in &rows {
-            lay_lengths.write(row)?;
+    // Who looks on hears of lay lengths at once: the search settles several stretches together, and scoring them takes a while.
+    let tell = |settled: &[AlignedStretch]| {
+        let rows = settled.iter().flat_map(|stretch| lay_length_rows(acquisition, stretch)).collect();
+        progress.found(Found { lay_lengths: rows, defects: None });
+    };
+    drive.run_telling(&mut reader, tell, |stretch, cameras| {
+        for row in lay_length_rows(acquisition, &stretch) {
+            lay_lengths.write(&row)?;
         }
         for (v, view) in stretch.views.iter().enumerate() {
             let aligned = stretch.estimates.is_ok() && view.usable();
@@ -84,8 +88,10 @@ pub fn inspect(
                 maps.append(images)?;
             }
         }
-        let defects = detection.as_mut().map(|d| d.so_far(stretch.first_line + stretch.lines));
-        progress.found(Found { lay_lengths: rows, defects: defects.unwrap_or_default() });
+        if let Some(detection) = &mut detection {
+            let defects = detection.so_far(stretch.first_line + stretch.lines);
+            progress.found(Found { lay_lengths: Vec::new(), defects: Some(defects) });
+        }
         Ok(())
     })?;
     let total_m = reader.lines() as f64 * acquisition.line_pitch_mm / 1000.0;

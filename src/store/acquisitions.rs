@@ -1,12 +1,7 @@
-//! Acquisitions: what was announced, what is there, what is missing.
+//! Acquisitions: created, found, deleted.
 
-use super::manifest::first_lines;
-use super::previews::drop_previews;
 use super::{Created, Id, Page, PageRequest, Store, StoreError, folder};
 use sqlx::SqliteConnection;
-
-/// Most ranges of missing frames that are listed for a view.
-pub const MAX_MISSING_RANGES: usize = 1000;
 
 /// An acquisition without its views.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
@@ -87,55 +82,6 @@ pub struct NewAcquisition {
     pub views: Vec<(f64, Option<u32>)>,
 }
 
-/// Which frames of a view are not there.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MissingFrames {
-    /// The view.
-    pub view: u32,
-    /// Announced frames; `None` if nobody said how many there will be.
-    pub expected: Option<u32>,
-    /// Frames that are there.
-    pub present: u32,
-    /// First and last frame of each gap, at most [`MAX_MISSING_RANGES`].
-    pub ranges: Vec<(u32, u32)>,
-    /// Rope metres of each gap; `None` where the lines of a frame before its end were never announced.
-    pub ranges_m: Vec<Option<(f64, f64)>>,
-    /// Frames whose files were found gone or changed, at most [`MAX_MISSING_RANGES`]: to be sent again.
-    pub damaged: Vec<u32>,
-}
-
-impl MissingFrames {
-    /// True when the view has all frames that were announced, and none is damaged.
-    pub fn whole(&self) -> bool {
-        self.expected == Some(self.present) && self.ranges.is_empty() && self.damaged.is_empty()
-    }
-}
-
-/// What came of the wish to complete an acquisition.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Completion {
-    /// It is complete, now or since an earlier call.
-    Complete,
-    /// Frames are missing; nothing was changed.
-    Missing(Vec<MissingFrames>),
-    /// The number of frames contradicts the one announced, or one more frame is there; nothing was changed.
-    Contradiction {
-        /// The view.
-        view: u32,
-        /// What the completion says.
-        frames: u32,
-        /// What was announced, or is there.
-        known: u32,
-    },
-    /// The completion names another number of views than the acquisition has.
-    Views {
-        /// Views of the acquisition.
-        views: usize,
-    },
-    /// There is no such acquisition.
-    Unknown,
-}
-
 /// What came of the wish to delete an acquisition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Deletion {
@@ -150,13 +96,38 @@ pub enum Deletion {
     Unknown,
 }
 
-async fn load(connection: &mut SqliteConnection, id: Id) -> Result<Option<Acquisition>, StoreError> {
+pub(super) async fn load(connection: &mut SqliteConnection, id: Id) -> Result<Option<Acquisition>, StoreError> {
     let row =
         sqlx::query_as("select * from acquisition where id = $1").bind(id).fetch_optional(&mut *connection).await?;
     match row {
         Some(row) => Ok(Some(Acquisition { row, views: load_views(connection, id).await? })),
         None => Ok(None),
     }
+}
+
+/// Records how many frames the views have where that was not known. False if more are there, or announced, already.
+async fn frames_become_known(
+    connection: &mut SqliteConnection,
+    old: &Acquisition,
+    new: &NewAcquisition,
+) -> Result<bool, StoreError> {
+    for (view, (_, frames)) in old.views.iter().zip(&new.views) {
+        let (None, Some(frames)) = (view.frames_expected, frames) else { continue };
+        let recorded = sqlx::query(
+            "update view set frames_expected = $3 where acquisition_id = $1 and view = $2 and $3 > max(
+               coalesce((select max(frame) from frame where acquisition_id = $1 and view = $2), -1),
+               coalesce((select max(frame) from announced_frame where acquisition_id = $1 and view = $2), -1))",
+        )
+        .bind(old.row.id)
+        .bind(view.view)
+        .bind(frames)
+        .execute(&mut *connection)
+        .await?;
+        if recorded.rows_affected() == 0 {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 async fn load_views(connection: &mut SqliteConnection, id: Id) -> Result<Vec<View>, StoreError> {
@@ -167,7 +138,7 @@ async fn load_views(connection: &mut SqliteConnection, id: Id) -> Result<Vec<Vie
 }
 
 impl Store {
-    /// Creates an acquisition, or finds the one that the same call created before.
+    /// Creates an acquisition, or finds the one that the same call created before. How many frames a view has may become known later.
     pub async fn create_acquisition(
         &self,
         new: &NewAcquisition,
@@ -184,12 +155,17 @@ impl Store {
                 && row.acquired_at_ms == new.acquired_at_ms
                 && old.views.len() == new.views.len()
                 && old.views.iter().zip(&new.views).all(|(old, (angle_deg, frames))| {
-                    // A number that becomes known later, at the latest at completion, is no contradiction.
                     let frames_agree =
                         frames.is_none() || old.frames_expected.is_none() || old.frames_expected == *frames;
                     old.angle_deg == *angle_deg && frames_agree
                 });
-            return Ok(if same { Created::Same(old) } else { Created::Different });
+            if !same || !frames_become_known(&mut tx, &old, new).await? {
+                return Ok(Created::Different);
+            }
+            let views = load_views(&mut tx, new.id).await?;
+            tx.commit().await?;
+            self.arrivals.send_replace(()); // who waits for the end of the previews
+            return Ok(Created::Same(Acquisition { views, ..old }));
         }
         sqlx::query(
             "insert into acquisition (id, rope_id, line_pitch_mm, sensor_px, rope_width_px, start_m, acquired_at_ms, state, created_at_ms)
@@ -244,62 +220,6 @@ impl Store {
         Ok(page.page(acquisitions, |a| a.row.seq))
     }
 
-    /// What is missing in each view. `None` if there is no such acquisition.
-    pub async fn missing(&self, id: Id) -> Result<Option<Vec<MissingFrames>>, StoreError> {
-        let mut connection = self.reader().acquire().await?;
-        match load(&mut connection, id).await? {
-            Some(acquisition) => Ok(Some(missing(&mut connection, &acquisition.row, &acquisition.views).await?)),
-            None => Ok(None),
-        }
-    }
-
-    /// Closes the acquisition if every view has all its frames. `frames[view]` says how many there are where that was not
-    /// announced before. Previews go.
-    pub async fn complete_acquisition(
-        &self,
-        id: Id,
-        frames: Option<&[u32]>,
-        now_ms: i64,
-    ) -> Result<Completion, StoreError> {
-        let mut tx = self.write().await?;
-        let Some(acquisition) = load(&mut tx, id).await? else { return Ok(Completion::Unknown) };
-        let mut views = acquisition.views.clone();
-        if let Some(frames) = frames {
-            if frames.len() != views.len() {
-                return Ok(Completion::Views { views: views.len() });
-            }
-            for (view, &frames) in views.iter_mut().zip(frames) {
-                let known = view.frames_expected.unwrap_or(frames);
-                if known != frames {
-                    return Ok(Completion::Contradiction { view: view.view, frames, known });
-                }
-                view.frames_expected = Some(frames);
-            }
-        }
-        let missing = missing(&mut tx, &acquisition.row, &views).await?;
-        if let Some(view) = missing.iter().find(|v| v.expected.is_some_and(|expected| v.present > expected)) {
-            let frames = view.expected.unwrap_or_default();
-            return Ok(Completion::Contradiction { view: view.view, frames, known: view.present });
-        }
-        if !missing.iter().all(MissingFrames::whole) {
-            return Ok(Completion::Missing(missing));
-        }
-        for view in &views {
-            sqlx::query("update view set frames_expected = $3 where acquisition_id = $1 and view = $2")
-                .bind(id)
-                .bind(view.view)
-                .bind(view.frames_expected)
-                .execute(&mut *tx)
-                .await?;
-        }
-        sqlx::query("update acquisition set state = 'complete' where id = $1").bind(id).execute(&mut *tx).await?;
-        drop_previews(&mut tx, id, now_ms).await?;
-        tx.commit().await?;
-        self.arrivals.send_replace(());
-        self.remove_preview_files(id).await?;
-        Ok(Completion::Complete)
-    }
-
     /// Deletes an acquisition and its frames, unless jobs refer to it. The one that looks at its previews goes with them.
     pub async fn delete_acquisition(&self, id: Id) -> Result<Deletion, StoreError> {
         let mut tx = self.write().await?;
@@ -321,79 +241,5 @@ impl Store {
         folder::remove(&self.folder().acquisition(id))?;
         self.remove_preview_files(id).await?;
         Ok(Deletion::Deleted)
-    }
-}
-
-async fn missing(
-    connection: &mut SqliteConnection,
-    acquisition: &AcquisitionRow,
-    views: &[View],
-) -> Result<Vec<MissingFrames>, StoreError> {
-    let id = acquisition.id;
-    let position_m = |line: u64| acquisition.start_m + line as f64 * acquisition.line_pitch_mm / 1000.0;
-    let mut all = Vec::with_capacity(views.len());
-    for view in views {
-        let frames: Vec<(u32, bool)> = sqlx::query_as(
-            "select frame, damaged_at_ms is not null from frame where acquisition_id = $1 and view = $2 order by frame",
-        )
-        .bind(id)
-        .bind(view.view)
-        .fetch_all(&mut *connection)
-        .await?;
-        let announced: Option<u32> =
-            sqlx::query_scalar("select max(frame) + 1 from announced_frame where acquisition_id = $1 and view = $2")
-                .bind(id)
-                .bind(view.view)
-                .fetch_one(&mut *connection)
-                .await?;
-        let present: Vec<u32> = frames.iter().map(|(frame, _)| *frame).collect();
-        let damaged = frames.iter().filter(|(_, damaged)| *damaged).map(|(frame, _)| *frame);
-        // A manifest may still grow: it tells gaps, not how many frames there will be.
-        let ranges = gaps(&present, view.frames_expected.or(announced));
-        let first_lines = if ranges.is_empty() { vec![] } else { first_lines(connection, id, view.view).await? };
-        let metres = |&(first, last): &(u32, u32)| {
-            Some((position_m(*first_lines.get(first as usize)?), position_m(*first_lines.get(last as usize + 1)?)))
-        };
-        all.push(MissingFrames {
-            view: view.view,
-            expected: view.frames_expected,
-            present: present.len() as u32,
-            ranges_m: ranges.iter().map(metres).collect(),
-            ranges,
-            damaged: damaged.take(MAX_MISSING_RANGES).collect(),
-        });
-    }
-    Ok(all)
-}
-
-/// Gaps in ascending frame numbers, up to the expected count, or up to the last one present.
-pub(super) fn gaps(present: &[u32], expected: Option<u32>) -> Vec<(u32, u32)> {
-    let mut ranges = Vec::new();
-    let mut next = 0;
-    for &frame in present {
-        if frame > next {
-            ranges.push((next, frame - 1));
-        }
-        next = frame + 1;
-    }
-    if let Some(expected) = expected
-        && expected > next
-    {
-        ranges.push((next, expected - 1));
-    }
-    ranges.truncate(MAX_MISSING_RANGES);
-    ranges
-}
-
-#[cfg(test)]
-mod tests {
-    use super::gaps;
-
-    #[test]
-    fn gaps_are_found_before_between_and_after_frames() {
-        assert_eq!(gaps(&[2, 3, 5], Some(9)), [(0, 1), (4, 4), (6, 8)]);
-        assert_eq!(gaps(&[], Some(3)), [(0, 2)]);
-        assert_eq!(gaps(&[], None), []);
-        assert_eq!(gaps(&[0, 1], Some(2)), []);
     }
 }

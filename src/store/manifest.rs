@@ -46,17 +46,6 @@ pub struct StoredView {
     pub lines: i64,
 }
 
-/// Bytes that an acquisition still needs, and what its ropeway has and may have.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, sqlx::FromRow)]
-pub struct SpaceNeeds {
-    /// Announced bytes that are not there.
-    pub missing_bytes: i64,
-    /// Bytes of frames of the ropeway.
-    pub used_bytes: i64,
-    /// Most bytes of frames of the ropeway.
-    pub quota_bytes: Option<i64>,
-}
-
 /// First line of every frame of a view and of the one after its last, as far as there are frames or announcements without gap.
 pub(super) async fn first_lines(
     connection: &mut SqliteConnection,
@@ -161,21 +150,6 @@ impl Store {
         Ok(digest::of_manifest(
             frames.iter().map(|(view, frame, sha256, bytes)| (*view, *frame, &**sha256, *bytes as u64)),
         ))
-    }
-
-    /// What the acquisition still needs and its ropeway may have. `None` if there is no such acquisition.
-    pub async fn space_needs(&self, acquisition: Id) -> Result<Option<SpaceNeeds>, StoreError> {
-        Ok(sqlx::query_as(
-            "select w.quota_bytes,
-               (select coalesce(sum(n.bytes), 0) from announced_frame n where n.acquisition_id = a.id and not exists
-                  (select 1 from frame f where f.acquisition_id = a.id and f.view = n.view and f.frame = n.frame)) as missing_bytes,
-               (select coalesce(sum(b.frame_bytes), 0) from acquisition b join rope s on s.id = b.rope_id
-                  where s.ropeway_id = w.id) as used_bytes
-             from acquisition a join rope r on r.id = a.rope_id join ropeway w on w.id = r.ropeway_id where a.id = $1",
-        )
-        .bind(acquisition)
-        .fetch_optional(self.reader())
-        .await?)
     }
 
     /// Takes over a frame that another acquisition (or another number of this one) holds with the same digest: it is linked, so

@@ -5,6 +5,7 @@
 pub mod acquisitions;
 pub mod archives;
 pub mod backup;
+pub mod completion;
 pub mod defects;
 pub mod deliveries;
 pub mod digest;
@@ -16,11 +17,15 @@ pub mod jobs;
 pub mod lay_lengths;
 pub mod leases;
 pub mod manifest;
+pub mod missing;
 pub mod model_thresholds;
 pub mod models;
 pub mod outbox;
+mod preview_removal;
+pub mod previewed;
 pub mod previews;
 pub mod provisional;
+pub mod quota;
 pub mod receipts;
 pub mod retention;
 mod rope_file;
@@ -156,6 +161,7 @@ pub struct Store {
     folder: DataFolder,
     /// Told when a frame was recorded or an acquisition completed by this process.
     arrivals: watch::Sender<()>,
+    findings: watch::Sender<()>,
 }
 
 impl Store {
@@ -180,7 +186,7 @@ impl Store {
             .acquire_timeout(Duration::from_secs(30))
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        Ok(Self { writer, reader, folder, arrivals: watch::Sender::new(()) })
+        Ok(Self { writer, reader, folder, arrivals: watch::Sender::new(()), findings: watch::Sender::new(()) })
     }
 
     /// The files beside the database.
@@ -192,6 +198,11 @@ impl Store {
     /// processes do is not heard here.
     pub fn arrivals(&self) -> watch::Receiver<()> {
         self.arrivals.subscribe()
+    }
+
+    /// Tells when a running job of this process has found something.
+    pub fn findings(&self) -> watch::Receiver<()> {
+        self.findings.subscribe()
     }
 
     /// Begins a transaction that writes. Immediate: a transaction that reads first and writes later fails at once when

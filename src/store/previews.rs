@@ -1,12 +1,9 @@
-//! Previews: reduced forms of frames that are still to come, and the one job of an acquisition that looks at them. Stored as safely as
-//! frames, but never taken for frames, and gone when the acquisition is complete.
+//! Previews: reduced forms of frames that are still to come. Stored as safely as frames, but never taken for frames.
 
-use super::acquisitions::{MissingFrames, gaps};
 use super::frames::run_blocking;
-use super::leases::{Lease, settle};
 use super::manifest::first_lines;
+use super::missing::{MissingFrames, gaps};
 use super::{Id, Store, StoreError, folder};
-use sqlx::SqliteConnection;
 use std::ops::Range;
 use std::path::Path;
 
@@ -48,19 +45,6 @@ pub enum PreviewStored {
     Closed,
 }
 
-/// A frame that is wanted before its turn.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Suspicion {
-    /// The view.
-    pub view: u32,
-    /// The frame.
-    pub frame: u32,
-    /// Higher is sooner.
-    pub value: f64,
-    /// Why, as a sentence.
-    pub reason: String,
-}
-
 /// Previews of an acquisition.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PreviewsThere {
@@ -70,19 +54,6 @@ pub struct PreviewsThere {
     pub bytes: i64,
     /// The job that looks at them.
     pub job_id: Option<Id>,
-}
-
-/// What the preview job saw of a view, stretch after stretch.
-#[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
-pub struct PreviewedStretch {
-    /// The view.
-    pub view: u32,
-    /// Rope metre where it begins.
-    pub from_m: f64,
-    /// Rope metre where it ends.
-    pub to_m: f64,
-    /// Why the view was not usable here; `None`: it was.
-    pub reason: Option<String>,
 }
 
 impl Store {
@@ -243,100 +214,4 @@ impl Store {
         });
         Ok(PreviewsThere { views: views.collect(), bytes: previews.iter().map(|p| p.2).sum(), job_id })
     }
-
-    /// What a preview job has seen of every view so far, along the rope.
-    pub async fn previewed(&self, job: Id) -> Result<Vec<PreviewedStretch>, StoreError> {
-        Ok(sqlx::query_as(
-            "select view, from_m, to_m, iif(strand_lay_mm is null, coalesce(reason, 'not measured'), null) as reason
-             from provisional_lay_length where job_id = $1 and view >= 0 order by view, first_line",
-        )
-        .bind(job)
-        .fetch_all(self.reader())
-        .await?)
-    }
-
-    /// Ends a preview job: it has no result, but says which frames are wanted first.
-    pub async fn settle_previewed(
-        &self,
-        job: Id,
-        token: i64,
-        suspicions: &[Suspicion],
-        now_ms: i64,
-    ) -> Result<Lease, StoreError> {
-        let mut tx = self.write().await?;
-        if settle(&mut tx, job, token, "succeeded", None, None, now_ms).await? == 0 {
-            return Ok(Lease::Lost);
-        }
-        for s in suspicions {
-            sqlx::query(
-                "update preview set suspicion = $4, reason = $5
-                 where acquisition_id = (select acquisition_id from job where id = $1) and view = $2 and frame = $3",
-            )
-            .bind(job)
-            .bind(s.view)
-            .bind(s.frame)
-            .bind(s.value)
-            .bind(&s.reason)
-            .execute(&mut *tx)
-            .await?;
-        }
-        tx.commit().await?;
-        Ok(Lease::Held)
-    }
-
-    /// Removes the previews of an acquisition that is not completed although its ropeway does not keep frames for so long. Returns
-    /// their number and bytes; with `dry_run` nothing goes.
-    pub async fn remove_overdue_previews(&self, now_ms: i64, dry_run: bool) -> Result<(i64, i64), StoreError> {
-        let overdue: Vec<(Id, i64, i64)> = sqlx::query_as(
-            "select a.id, count(*), sum(p.bytes) from preview p join acquisition a on a.id = p.acquisition_id
-             join rope r on r.id = a.rope_id join ropeway w on w.id = r.ropeway_id
-             where coalesce(a.acquired_at_ms, a.created_at_ms) < $1 - w.keep_days * 86400000 group by a.id",
-        )
-        .bind(now_ms)
-        .fetch_all(self.reader())
-        .await?;
-        let (mut count, mut bytes) = (0, 0);
-        for (acquisition, previews, their_bytes) in overdue {
-            if !dry_run {
-                let mut tx = self.write().await?;
-                drop_previews(&mut tx, acquisition, now_ms).await?;
-                tx.commit().await?;
-                self.remove_preview_files(acquisition).await?;
-            }
-            count += previews;
-            bytes += their_bytes;
-        }
-        Ok((count, bytes))
-    }
-
-    /// Removes the files of previews whose rows are gone. What is left of it when the process dies is swept at the next start.
-    pub(super) async fn remove_preview_files(&self, acquisition: Id) -> Result<(), StoreError> {
-        let folder = self.folder().previews_of(acquisition);
-        run_blocking(move || folder::remove(&folder)).await
-    }
-}
-
-/// Forgets the previews of an acquisition and what was found in them; a job that still looks at them is cancelled, and loses its
-/// lease.
-pub(super) async fn drop_previews(
-    connection: &mut SqliteConnection,
-    acquisition: Id,
-    now_ms: i64,
-) -> Result<(), StoreError> {
-    sqlx::query(
-        "update job set state = 'cancelled', cancel_requested = 1, finished_at_ms = $2, lease_owner = null, lease_until_ms = null
-         where acquisition_id = $1 and preview = 1 and state in ('queued', 'running')",
-    )
-    .bind(acquisition)
-    .bind(now_ms)
-    .execute(&mut *connection)
-    .await?;
-    sqlx::query(
-        "delete from provisional_lay_length where job_id in (select id from job where acquisition_id = $1 and preview = 1)",
-    )
-    .bind(acquisition)
-    .execute(&mut *connection)
-    .await?;
-    sqlx::query("delete from preview where acquisition_id = $1").bind(acquisition).execute(&mut *connection).await?;
-    Ok(())
 }

@@ -41,20 +41,22 @@ impl Store {
             .bind(as_json(&found.lay_lengths, line_pitch_mm))
             .execute(&mut *tx)
             .await?;
+            let Some(defects) = &found.defects else { continue };
             sqlx::query("delete from provisional_defect where job_id = $1 and number >= $2")
                 .bind(job)
-                .bind(found.defects.from as i64)
+                .bind(defects.from as i64)
                 .execute(&mut *tx)
                 .await?;
             sqlx::query(
                 "insert into provisional_defect (job_id, number, defect) select $1, value->>'id', value from json_each($2)",
             )
             .bind(job)
-            .bind(json!(found.defects.rows).to_string())
+            .bind(json!(defects.rows).to_string())
             .execute(&mut *tx)
             .await?;
         }
         tx.commit().await?;
+        self.findings.send_replace(());
         Ok(Lease::Held)
     }
 

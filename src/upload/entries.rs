@@ -4,14 +4,13 @@ use super::client::Client;
 use super::journal::{Digested, Journal};
 use super::packing::{Packed, Packing};
 use super::plan::{Plan, PlanError, PlannedFrame};
-use super::transfer::UploadError;
+use super::upload_error::UploadError;
 use crate::store::digest::hex;
 use base64::Engine;
 use futures::StreamExt;
 use reqwest::Method;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use std::collections::BTreeSet;
 use uuid::Uuid;
 
 /// View, number, file and how it is sent.
@@ -75,12 +74,12 @@ pub(super) async fn digests(
     Ok(entries)
 }
 
-/// Frames that are not held, all views side by side: the rope is whole as far as it was sent.
-pub(super) fn in_turn(plan: &Plan, held: &BTreeSet<(usize, usize)>) -> Vec<(usize, usize, PlannedFrame)> {
+/// Frames of which `known` (by view and number) says no, all views side by side: the rope is whole as far as it was sent.
+pub(super) fn in_turn(plan: &Plan, known: impl Fn(usize, usize) -> bool) -> Vec<(usize, usize, PlannedFrame)> {
     let longest = plan.frames.iter().map(Vec::len).max().unwrap_or(0);
     let places = (0..longest).flat_map(|number| (0..plan.frames.len()).map(move |view| (view, number)));
     places
-        .filter(|place| !held.contains(place))
+        .filter(|&(view, number)| !known(view, number))
         .filter_map(|(view, number)| Some((view, number, plan.frames[view].get(number)?.clone())))
         .collect()
 }

@@ -3,7 +3,8 @@
 use super::client::ClientError;
 use super::plan::Plan;
 use super::progress::Tick;
-use super::transfer::{ANNOUNCED_AT_ONCE, Transfer, UploadError};
+use super::transfer::{ANNOUNCED_AT_ONCE, Transfer};
+use super::upload_error::UploadError;
 use serde_json::Value;
 use std::ops::RangeInclusive;
 

@@ -22,10 +22,12 @@ pub mod progress;
 pub mod receipt;
 pub mod reducing;
 pub mod transfer;
+mod upload_error;
 pub mod watch;
 
 pub use client::{Client, ClientError};
 pub use plan::{Names, Plan, PlanError};
-pub use progress::{Stage, Tick};
-pub use transfer::{Options, Report, UploadError, upload};
+pub use progress::{Stage, Tick, ViewTick};
+pub use transfer::{Options, Report, upload};
+pub use upload_error::UploadError;
 pub use watch::{Watching, watch};

@@ -2,7 +2,7 @@
 
 use super::client::{Client, ClientError};
 use super::plan::Plan;
-use super::transfer::UploadError;
+use super::upload_error::UploadError;
 use serde_json::{Value, json};
 use uuid::Uuid;
 

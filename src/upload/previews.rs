@@ -6,12 +6,12 @@ use super::packing::Packing;
 use super::plan::{Plan, PlanError, PlannedFrame};
 use super::progress::Tick;
 use super::reducing;
-use super::transfer::{Transfer, UploadError};
+use super::transfer::Transfer;
+use super::upload_error::UploadError;
 use crate::pipeline::preview::LEAST_SENSOR_PX;
 use futures::StreamExt;
 use reqwest::Method;
 use serde_json::Value;
-use std::collections::BTreeMap;
 
 /// Frames a lane that are sent before the service is asked anew which ones it wants.
 const WANTED_A_LANE: usize = 4;
@@ -32,7 +32,7 @@ impl<F: Fn(&Tick)> Transfer<F> {
             return Err(PlanError::TooNarrow { sensor_px: plan.sensor_px }.into());
         }
         let missing = self.missing_previews(plan).await?;
-        (0..plan.frame_count() - missing.len()).for_each(|_| self.counter.previewed(0));
+        self.counter.previews_held(plan.frame_count() - missing.len());
         self.tick();
         let (client, lanes, packing, id) = (self.client.clone(), self.lanes.clone(), self.packing, self.acquisition_id);
         let mut answers = futures::stream::iter(missing)
@@ -87,25 +87,24 @@ impl<F: Fn(&Tick)> Transfer<F> {
         Ok(missing)
     }
 
-    /// Sends frames in the order in which the service wants them, and asks anew now and then: what it has seen changes that order.
-    pub(super) async fn send_as_wanted(&mut self, entries: Vec<Entry>) -> Result<(), UploadError> {
-        let mut left: BTreeMap<(usize, usize), Entry> =
-            entries.into_iter().map(|entry| ((entry.number, entry.view), entry)).collect();
+    /// Takes those of the waiting frames that the service wants most: few enough that what it has seen meanwhile, and what a growing
+    /// recording brings, can change the order.
+    pub(super) async fn wanted_most(&mut self) -> Result<Vec<Entry>, UploadError> {
+        if self.backlog.is_empty() {
+            return Ok(Vec::new());
+        }
         let at_once = (WANTED_A_LANE * self.connections).min(1000);
         let path = format!("/acquisitions/{}/wanted?limit={at_once}", self.acquisition_id);
-        while !left.is_empty() {
-            let answer = self.client.get(&path).await?;
-            let wanted = answer["frames"].as_array().map(Vec::as_slice).unwrap_or_default();
-            let number = |value: &Value| value.as_u64().unwrap_or(u64::MAX) as usize;
-            let mut next: Vec<Entry> =
-                wanted.iter().filter_map(|f| left.remove(&(number(&f["frame"]), number(&f["view"])))).collect();
-            if next.is_empty() {
-                // Others have brought the rest, or are bringing it.
-                next = std::mem::take(&mut left).into_values().collect();
-            }
-            self.send(next).await?;
+        let answer = self.client.get(&path).await?;
+        let wanted = answer["frames"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let number = |value: &Value| value.as_u64().unwrap_or(u64::MAX) as usize;
+        let next: Vec<Entry> =
+            wanted.iter().filter_map(|f| self.backlog.remove(&(number(&f["frame"]), number(&f["view"])))).collect();
+        if next.is_empty() {
+            // Others have brought the rest, or are bringing it.
+            return Ok(std::mem::take(&mut self.backlog).into_values().collect());
         }
-        Ok(())
+        Ok(next)
     }
 }
 

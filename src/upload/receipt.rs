@@ -2,7 +2,8 @@
 
 use super::plan::Plan;
 use super::progress::Tick;
-use super::transfer::{Transfer, UploadError};
+use super::transfer::Transfer;
+use super::upload_error::UploadError;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::time::Duration;

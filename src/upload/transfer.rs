@@ -1,13 +1,14 @@
 //! Brings the frames of a plan to a service: announces all of them, sends what the service does not hold, completes.
 
-use super::client::{Client, ClientError};
+use super::client::Client;
 use super::entries::{Entry, digests, in_turn, manifest_path, send_frame};
 use super::journal::Journal;
 use super::lanes::Lanes;
 use super::packing::Packing;
 use super::place;
-use super::plan::{Plan, PlanError, PlannedFrame};
+use super::plan::{Plan, PlannedFrame};
 use super::progress::{Counter, Stage, Tick};
+use super::upload_error::UploadError;
 use futures::StreamExt;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -68,41 +69,6 @@ pub struct Report {
     pub receipt: Option<Value>,
 }
 
-/// Why an upload ended early. What was sent stays sent: a rerun continues.
-#[derive(Debug, thiserror::Error)]
-pub enum UploadError {
-    /// The folder cannot be uploaded.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    /// The service did not play along.
-    #[error(transparent)]
-    Client(#[from] ClientError),
-    /// The service knows the rope by other data.
-    #[error(
-        "the rope {rope:?} on ropeway {ropeway:?} has {quantity} {held} at the service, but rope.json says {ours}: correct rope.json, or give the rope another name with --rope"
-    )]
-    OtherDesign {
-        /// Name of the ropeway.
-        ropeway: String,
-        /// Name of the rope.
-        rope: String,
-        /// What differs.
-        quantity: &'static str,
-        /// The value there.
-        held: Value,
-        /// The value here.
-        ours: Value,
-    },
-    /// The frames that the service names as missing are not in the folder.
-    #[error("the service misses view {view} frame {frame}, which is not in this folder")]
-    UnknownFrame {
-        /// The view.
-        view: usize,
-        /// The frame.
-        frame: usize,
-    },
-}
-
 /// An upload that is under way.
 pub struct Transfer<F> {
     pub(super) client: Client,
@@ -117,6 +83,8 @@ pub struct Transfer<F> {
     pub acquisition_id: Uuid,
     journal: Journal,
     held: BTreeSet<(usize, usize)>,
+    /// Frames that were announced and have to be sent, by number and view.
+    pub(super) backlog: BTreeMap<(usize, usize), Entry>,
     /// Camera lines of every frame that was announced.
     pub(super) lines: BTreeMap<(usize, usize), u32>,
     sent_frames: usize,
@@ -166,6 +134,7 @@ impl<F: Fn(&Tick)> Transfer<F> {
             acquisition_id,
             journal,
             held: BTreeSet::new(),
+            backlog: BTreeMap::new(),
             lines: BTreeMap::new(),
             sent_frames: 0,
             counter: Counter::begin(plan.frames.len()),
@@ -175,20 +144,51 @@ impl<F: Fn(&Tick)> Transfer<F> {
 
     /// Announces every frame of the plan that is not known to be held, and sends those that the service asks for.
     pub async fn bring(&mut self, plan: &Plan) -> Result<(), UploadError> {
+        self.announce_new(plan).await?;
+        while !self.send_some().await? {}
+        Ok(())
+    }
+
+    /// Announces the frames of the plan that are neither held nor waiting to be sent; the previews of those that the service asks
+    /// for go out at once, if previews go first.
+    pub async fn announce_new(&mut self, plan: &Plan) -> Result<(), UploadError> {
         self.counter.found(plan.frames.iter().map(Vec::len));
         self.enter(Stage::Announcing);
-        let mut wanted = Vec::new();
-        for batch in in_turn(plan, &self.held).chunks(ANNOUNCED_AT_ONCE) {
-            wanted.extend(self.announce(batch).await?);
+        let known = |view, number| self.held.contains(&(view, number)) || self.backlog.contains_key(&(number, view));
+        let mut asked = false;
+        for batch in in_turn(plan, known).chunks(ANNOUNCED_AT_ONCE) {
+            for entry in self.announce(batch).await? {
+                asked = true;
+                self.backlog.insert((entry.number, entry.view), entry);
+            }
         }
-        if self.preview_first && !wanted.is_empty() {
+        if self.preview_first && asked {
             self.enter(Stage::Previewing);
             self.send_previews(plan).await?;
-            self.enter(Stage::Sending);
-            return self.send_as_wanted(wanted).await;
         }
+        Ok(())
+    }
+
+    /// Sends what waits: all of it along the rope or, if previews go first, the frames that the service wants most. True when nothing
+    /// waits any more.
+    pub async fn send_some(&mut self) -> Result<bool, UploadError> {
         self.enter(Stage::Sending);
-        self.send(wanted).await
+        let next = if self.preview_first {
+            self.wanted_most().await?
+        } else {
+            std::mem::take(&mut self.backlog).into_values().collect()
+        };
+        self.send(next).await?;
+        Ok(self.backlog.is_empty())
+    }
+
+    /// The recording has ended: tells how many frames there are, where somebody waits for that before the completion.
+    pub async fn ends_with(&mut self, plan: &Plan) -> Result<(), UploadError> {
+        if self.preview_first {
+            let path = format!("/acquisitions/{}", self.acquisition_id);
+            self.client.put(&path, &plan.acquisition(self.rope_id)).await?;
+        }
+        Ok(())
     }
 
     /// Tells that nothing is to do until the recording grows.
@@ -250,13 +250,15 @@ impl<F: Fn(&Tick)> Transfer<F> {
         let number = |value: &Value| value.as_u64().unwrap_or(u64::MAX) as usize;
         let asked: BTreeSet<(usize, usize)> = asked.iter().map(|f| (number(&f["view"]), number(&f["frame"]))).collect();
         for entry in &entries {
-            self.lines.insert((entry.view, entry.number), entry.digested.lines);
+            let first_time = self.lines.insert((entry.view, entry.number), entry.digested.lines).is_none();
+            if first_time && asked.contains(&(entry.view, entry.number)) {
+                self.counter.to_send(entry.view, entry.digested.bytes);
+            }
             if !asked.contains(&(entry.view, entry.number)) && self.held.insert((entry.view, entry.number)) {
                 self.counter.held(entry.view, 0);
             }
         }
         entries.retain(|e| asked.contains(&(e.view, e.number)));
-        self.counter.to_send(entries.iter().map(|e| e.digested.bytes).sum());
         self.tick();
         Ok(entries)
     }

@@ -3,7 +3,8 @@
 use super::client::Client;
 use super::plan::{Names, Plan, PlannedFrame};
 use super::progress::Tick;
-use super::transfer::{Options, Report, Transfer, UploadError};
+use super::transfer::{Options, Report, Transfer};
+use super::upload_error::UploadError;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -40,15 +41,19 @@ pub async fn watch<F: Fn(&Tick)>(
     let mut transfer = Transfer::begin(client, &plan, &begin, options, on_tick).await?;
     loop {
         let plan = quiet.whole_frames(Plan::read_growing(folder, names)?, watching.frame_rests);
-        transfer.bring(&plan).await?;
+        transfer.announce_new(&plan).await?;
+        let all_sent = transfer.send_some().await?;
         if quiet.since.elapsed() >= watching.recording_rests {
             // Now every frame counts, and a gap is an error.
             let whole = Plan::read(folder, names)?;
+            transfer.ends_with(&whole).await?;
             transfer.bring(&whole).await?;
             return transfer.complete(&whole).await;
         }
-        transfer.rest();
-        tokio::time::sleep(LOOK_EVERY).await;
+        if all_sent {
+            transfer.rest();
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
     }
 }
 

@@ -8,7 +8,8 @@ use crate::pipeline::results::{LayLengthRow, LineScoreFormat};
 use crate::pipeline::{
     Acquisition, Found, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions,
 };
-use crate::store::previews::{Preview, Suspicion};
+use crate::store::previewed::Suspicion;
+use crate::store::previews::Preview;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
@@ -21,6 +22,9 @@ const STRAND_LAY_JUMP: f64 = 0.03;
 const WIRE_LAY_JUMP: f64 = 0.10;
 /// Share of the frames that are wanted sooner because of how they look: if everything is suspicious, nothing is.
 const SUSPICIOUS_SHARE: f64 = 0.25;
+/// Why wire lays of a single view are not told.
+const WIRES_UNSURE: &str =
+    "a single view of previews may count one wire too many or too few a turn: wire lays follow with the frames";
 /// Suspicion of metres that could not be aligned; 1 is a score at the threshold, or a lay length at its limit.
 const NOT_ALIGNED: f64 = 2.0;
 
@@ -56,7 +60,8 @@ impl Run<'_> {
     /// Waits for all previews and looks at them.
     pub fn look(&self) -> Result<Seen, PipelineError> {
         let acquisition = preview::reduced(self.acquisition);
-        let alignment = Alignment { watch: self.watch, rows: Mutex::default() };
+        let single_view = self.frames.views() == 1;
+        let alignment = Alignment { watch: self.watch, single_view, rows: Mutex::default() };
         let results = self.work.join("alignment");
         self.engine.inspect(&acquisition, self.frames, &InspectOptions::default(), &results, &alignment)?;
         let rows = alignment.rows.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -166,6 +171,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 /// Passes on what alignment finds, in camera lines, and keeps the estimates of all views together.
 struct Alignment<'a> {
     watch: &'a Watch,
+    /// Nobody else saw the part of every turn that the view does not see.
+    single_view: bool,
     rows: Mutex<Vec<LayLengthRow>>,
 }
 
@@ -180,6 +187,9 @@ impl Progress for Alignment<'_> {
         for row in &mut found.lay_lengths {
             row.first_line *= REDUCTION as usize;
             row.last_line = (row.last_line + 1) * REDUCTION as usize - 1;
+            if self.single_view {
+                leave_out_wires(row);
+            }
         }
         self.watch.found(found);
     }
@@ -187,6 +197,14 @@ impl Progress for Alignment<'_> {
     fn cancelled(&self) -> bool {
         self.watch.cancelled()
     }
+}
+
+/// A jump of the wire lay is seen all the same, but how long it is would be a guess.
+fn leave_out_wires(row: &mut LayLengthRow) {
+    for wire in &mut row.wires {
+        (wire.lay_mm, wire.lay_sd_mm) = (None, None);
+    }
+    row.reason.get_or_insert_with(|| WIRES_UNSURE.to_owned());
 }
 
 /// Says how far it is, but not what it finds: another pass over the same rope finds nothing that may be told.
@@ -205,6 +223,7 @@ impl Progress for Unheard<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::results::WireEstimate;
     use crate::store::Id;
     use uuid::Uuid;
 
@@ -261,6 +280,18 @@ mod tests {
         let reasons: Vec<_> = seen.suspicions(&previews()).into_iter().map(|s| s.reason).collect();
         assert!(reasons.iter().any(|r| r.contains("could not be aligned: too dark")), "{reasons:?}");
         assert!(reasons.iter().any(|r| r.contains("230.0 mm here, but 221.0 mm")), "{reasons:?}");
+    }
+
+    #[test]
+    fn a_single_view_keeps_its_strand_lay_and_says_why_it_has_no_wire_lays() {
+        let wire = WireEstimate { lay_mm: Some(95.0), lay_sd_mm: Some(0.1), phase_rad: Some(1.0), score: Some(0.9) };
+        let mut seen = LayLengthRow { wires: vec![wire; 6], reason: None, ..row(0, Some(220.0)) };
+        leave_out_wires(&mut seen);
+        assert!(seen.wires.iter().all(|w| w.lay_mm.is_none() && w.lay_sd_mm.is_none()), "{seen:?}");
+        assert_eq!((seen.strand_lay_mm, seen.reason.as_deref()), (Some(220.0), Some(WIRES_UNSURE)));
+        let mut dark = row(1, None);
+        leave_out_wires(&mut dark);
+        assert_eq!(dark.reason.as_deref(), Some("too dark"), "the reason for the strands is the stronger one");
     }
 
     #[test]

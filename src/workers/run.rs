@@ -14,7 +14,7 @@ use crate::store::jobs::Job;
 use crate::store::leases::Lease;
 use crate::store::model_thresholds::ModelThreshold;
 use crate::store::models::NewModel;
-use crate::store::previews::Suspicion;
+use crate::store::previewed::Suspicion;
 use crate::store::{Id, StoreError, digest, folder};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! Acquisitions: announced, completed, deleted.
 
 use crate::helpers::{TestApp, new_id, png};
-use serde_json::json;
+use serde_json::{Value, json};
 
 #[tokio::test]
 async fn an_acquisition_is_complete_only_when_every_announced_frame_is_there() {
@@ -25,6 +25,26 @@ async fn an_acquisition_is_complete_only_when_every_announced_frame_is_there() {
     assert_eq!(app.admin.post(&completion, json!({})).await.ok(200)["frames_present"], 4);
     let missing = app.admin.get(&format!("acquisitions/{id}/missing")).await.ok(200);
     assert_eq!(missing["complete"], true);
+}
+
+#[tokio::test]
+async fn how_many_frames_a_view_has_may_become_known_later_but_never_less_than_are_there() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let path = format!("acquisitions/{}", new_id());
+    let body = |frames: Value| json!({ "rope_id": rope, "line_pitch_mm": 0.1, "sensor_px": 64, "views": [{ "angle_deg": 0, "frames": frames }] });
+    app.admin.call("PUT", &path, body(Value::Null)).await.ok(201);
+    let id = path.rsplit('/').next().unwrap().to_owned();
+    for frame in 0..3 {
+        app.admin.put_frame(&id, 0, frame, png(frame as u8)).await.ok(201);
+    }
+    app.admin.call("PUT", &path, body(json!(2))).await.problem(409, "id-in-use");
+    assert_eq!(app.admin.get(&path).await.ok(200)["views"][0]["frames"], json!(null), "nothing was changed");
+    assert_eq!(app.admin.call("PUT", &path, body(json!(4))).await.ok(200)["views"][0]["frames"], 4);
+    app.admin.call("PUT", &path, body(json!(5))).await.problem(409, "id-in-use");
+    assert_eq!(app.admin.call("PUT", &path, body(Value::Null)).await.ok(200)["views"][0]["frames"], 4);
+    let missing = app.admin.get(&format!("{path}/missing")).await.ok(200);
+    assert_eq!(missing["views"][0]["missing"], json!([[3, 3]]));
 }
 
 #[tokio::test]

@@ -166,6 +166,45 @@ async fn what_arrived_of_a_request_that_hangs_counts_and_asking_for_the_offset_e
 }
 
 #[tokio::test]
+async fn a_file_beyond_the_quota_is_refused_with_figures_before_its_first_byte() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let ropeway = app.admin.get(&format!("ropes/{rope}")).await.ok(200)["ropeway_id"].as_str().unwrap().to_owned();
+    app.admin.call("PUT", &format!("ropeways/{ropeway}/storage"), json!({ "quota_bytes": 5000 })).await.ok(200);
+    let problem = begin(&app.admin, &rope, 5001).await.problem(507, "insufficient-storage");
+    assert_eq!(
+        (&problem["value"], &problem["limit"], &problem["quota_bytes"]),
+        (&json!(5001), &json!(5000), &json!(5000))
+    );
+    begin(&app.admin, &rope, 5000).await.ok_status(201);
+}
+
+#[tokio::test]
+async fn a_file_whose_token_is_revoked_while_it_arrives_is_not_unpacked() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let laptop = app.caller(Role::Upload).await;
+    let bytes = tar(&honest());
+    let place = begin(&laptop, &rope, bytes.len()).await.header("location").to_owned();
+    let (sender, receiver) = tokio::sync::mpsc::channel::<Vec<u8>>(4);
+    let pieces =
+        futures::stream::unfold(receiver, async |mut r| r.recv().await.map(|b| (Ok::<_, std::io::Error>(b), r)));
+    let sending = chunk(&laptop, &place, 0, &[]).body(reqwest::Body::wrap_stream(pieces));
+    let caller = laptop.clone();
+    let sending = tokio::spawn(async move { caller.send(sending).await });
+    sender.send(bytes[..5000].to_vec()).await.unwrap();
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let token = laptop.token.unwrap().split('_').nth(1).unwrap().to_owned();
+    app.admin.send(app.admin.request("DELETE", &format!("tokens/{token}"))).await.ok(204);
+    sender.send(bytes[5000..].to_vec()).await.unwrap();
+    drop(sender);
+    sending.await.unwrap().problem(401, "unauthorized");
+    let archive = app.admin.get(&place.replace("/tus/", "/archives/")).await.ok(200);
+    assert_eq!((&archive["state"], &archive["received"]), (&json!("receiving"), &json!(0)));
+    assert_eq!(app.admin.get("acquisitions").await.ok(200)["items"], json!([]));
+}
+
+#[tokio::test]
 async fn hostile_archives_are_refused_and_nothing_is_stored() {
     let app = TestApp::start().await;
     let rope = app.admin.rope().await;
@@ -246,6 +285,26 @@ async fn an_upload_belongs_to_its_token_expires_and_can_be_terminated() {
     let delete = laptop.request("DELETE", &place).header("tus-resumable", "1.0.0");
     laptop.send(delete).await.ok_status(204);
     assert_eq!(head(&laptop, &place).await.status, 404);
+}
+
+#[tokio::test]
+async fn a_file_whose_time_is_over_goes_although_nobody_begins_another() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let place = begin(&app.admin, &rope, 100).await.header("location").to_owned();
+    let id = place.rsplit('/').next().unwrap().parse::<uuid::Uuid>().unwrap();
+    app.service.app.store.archive_received(ropescope::store::Id(id), 0, 1).await.unwrap();
+    let TestApp { service, data, .. } = app;
+    service.stop().await;
+    let app = TestApp::start_on(data, |_| {}).await;
+    for _ in 0..500 {
+        if head(&app.admin, &place).await.status == 404 {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(head(&app.admin, &place).await.status, 404);
+    assert_eq!(std::fs::read_dir(app.data.path().join("archives")).unwrap().count(), 0);
 }
 
 /// Begins a camera dump.

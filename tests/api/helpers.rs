@@ -285,7 +285,7 @@ fn found(acquisition: &Acquisition, frame: usize, with_model: bool) -> Found {
         reason: None,
     };
     let rows = if with_model { vec![defect(acquisition)] } else { vec![] };
-    Found { lay_lengths: vec![row], defects: FoundDefects { from: 0, rows } }
+    Found { lay_lengths: vec![row], defects: Some(FoundDefects { from: 0, rows }) }
 }
 
 /// A running service with an administrator.

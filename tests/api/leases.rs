@@ -301,7 +301,7 @@ async fn findings_need_the_lease_and_go_with_a_new_claim_and_with_every_end() {
     let found = || {
         let alarms = vec![];
         let defect = DefectRow { from_m: 0.1, to_m: 0.2, peak_score: 7.0, alarms, ..DefectRow::default() };
-        [Found { lay_lengths: vec![], defects: FoundDefects { from: 0, rows: vec![defect] } }]
+        [Found { lay_lengths: vec![], defects: Some(FoundDefects { from: 0, rows: vec![defect] }) }]
     };
     let told = async |job: Id| queue.store.provisional_defects(job, 0).await.unwrap().defects.len();
     for end in ["cancelled", "failed", "given up"] {

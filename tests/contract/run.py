@@ -1,5 +1,5 @@
 """Holds a running service against its contract with programs that are not ours: schemathesis, standardwebhooks, tuspy and
-tus-js-client (Node finds it over NODE_PATH).
+tus-js-client (Node finds it over NODE_PATH); and walks through docs/upload.md with curl.
 
     python tests/contract/run.py target/debug/ropescope [--examples N] [--seed N]
 
@@ -14,6 +14,7 @@ import sys
 import tempfile
 
 import tus
+import walkthrough
 import webhook
 from seed import pins, seed
 from service import Service
@@ -121,6 +122,9 @@ def main():
         tally.check("an acquisition is uploaded, learnt and inspected", not trouble, trouble)
         if "folder" in ids:
             for check in tus.checks(service, ids["rope"], ids["folder"]):
+                tally.check(*check)
+        if "model" in ids:
+            for check in walkthrough.checks(service, ids):
                 tally.check(*check)
         if "spare_defect" in ids:
             for check in webhook.checks(service, ids["spare_defect"]):

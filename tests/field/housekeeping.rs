@@ -1,11 +1,12 @@
 //! Backup, restore and scrub as processes beside a service that is in use.
 
 use crate::process::{PROGRAM, Process, token};
-use crate::recording::{assert_stored, get, recording};
+use crate::recording::{assert_stored, get, post, put, recording};
 use crate::uploader::{Uploader, free_port};
+use serde_json::{Value, json};
 use std::path::Path;
 use std::process::{Command, Output};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const FRAMES: usize = 80;
 const WITHIN: Duration = Duration::from_secs(120);
@@ -77,4 +78,40 @@ fn scrub_finds_what_rotted_and_the_next_upload_heals_it() {
     assert_eq!(healed["sent_frames"], 1);
     assert!(scrub().status.success());
     assert_stored(data.path(), id, source.path(), 4);
+}
+
+#[test]
+fn retention_says_what_would_go_before_it_goes_and_keeps_what_nobody_has_looked_at() {
+    let [data, source] = [0; 2].map(|_| tempfile::tempdir().unwrap());
+    let rope = source.path().join("rope");
+    let simulate = ["simulate", "--metres", "1", "--views", "1", "--seed", "3", "--out"];
+    assert!(Command::new(PROGRAM).args(simulate).arg(&rope).output().unwrap().status.success());
+    let mut file: Value = serde_json::from_slice(&std::fs::read(rope.join("rope.json")).unwrap()).unwrap();
+    file["acquired_at"] = json!("2020-02-02T02:02:02Z");
+    std::fs::write(rope.join("rope.json"), file.to_string()).unwrap();
+    let token = token(data.path());
+    let server = Process::serve(data.path(), free_port(), &[]);
+    let report = Uploader::start(&rope, &server.base, &token, &[]).report(WITHIN);
+    let (ropeway, id) = (report["ropeway_id"].as_str().unwrap(), report["acquisition_id"].as_str().unwrap());
+    put(&server.base, &token, &format!("ropeways/{ropeway}/storage"), &json!({ "keep_days": 30 }));
+    let retention = |more: &[&str]| {
+        let done = Command::new(PROGRAM).args(["retention", "--data"]).arg(data.path()).args(more).output().unwrap();
+        assert!(done.status.success(), "{}", text(&done));
+        text(&done)
+    };
+    let frames = || std::fs::read_dir(data.path().join(format!("frames/{id}/0"))).map_or(0, Iterator::count);
+    let said = retention(&[]);
+    assert!(said.contains("stays") && said.contains("it was never inspected") && frames() == 5, "{said}");
+    let job = post(&server.base, &token, "jobs", &json!({ "kind": "inspect", "acquisition_id": id }));
+    let job = format!("jobs/{}", job["id"].as_str().unwrap());
+    let begun = Instant::now();
+    while get(&server.base, &token, &job)["state"] != "succeeded" {
+        assert!(begun.elapsed() < WITHIN, "{}", get(&server.base, &token, &job));
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let said = retention(&["--dry-run"]);
+    assert!(said.contains("would go") && said.contains(id) && frames() == 5, "{said}");
+    let said = retention(&[]);
+    assert!(said.contains("removed") && frames() == 0, "{said}");
+    assert!(get(&server.base, &token, &format!("acquisitions/{id}"))["frames_removed_at"].is_string());
 }

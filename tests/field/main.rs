@@ -6,6 +6,8 @@
 
 mod archives;
 mod disk;
+mod endings;
+mod growing;
 mod housekeeping;
 mod kills;
 mod link;

@@ -4,7 +4,8 @@ use ropescope::simulate::write::encode_png;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-const SENSOR_PX: u32 = 128;
+/// Columns of its frames.
+pub const SENSOR_PX: u32 = 128;
 
 /// A folder of two views with noise: frames of about `SENSOR_PX * lines` bytes each.
 pub fn recording(at: &Path, frames_a_view: usize, lines: u32) {
@@ -57,6 +58,17 @@ pub fn get_text(base: &str, token: &str, path: &str) -> String {
 pub fn post(base: &str, token: &str, path: &str, body: &Value) -> Value {
     let text = answered(token, |client| client.post(format!("{base}/api/v1/{path}")).json(body));
     serde_json::from_str(&text).unwrap()
+}
+
+/// Puts JSON into a service.
+pub fn put(base: &str, token: &str, path: &str, body: &Value) {
+    answered(token, |client| client.put(format!("{base}/api/v1/{path}")).json(body));
+}
+
+/// Sends the first frame of a view.
+pub fn put_frame(base: &str, token: &str, acquisition: &str, view: usize, bytes: &[u8]) {
+    let path = format!("{base}/api/v1/acquisitions/{acquisition}/views/{view}/frames/0");
+    answered(token, |client| client.put(path).body(bytes.to_vec()));
 }
 
 /// The body of a good answer.
