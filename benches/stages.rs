@@ -91,7 +91,8 @@ fn stages(criterion: &mut Criterion) {
     let (rope, camera, estimates) = (&known.spec.rope, &known.camera, &known.estimates);
     let (view, template) = (&known.stretch.views[0], &known.template);
     let mut histogram = Histogram::default();
-    learn(rope, camera, estimates, view, &mut histogram);
+    let block_lines = block_lines(known.spec.pitch_mm);
+    learn(rope, camera, estimates, view, block_lines, &mut histogram);
     let appearance = Appearance::learn(&histogram);
     let phases = phases(estimates, rope.strands());
     let unknown_wires = |_: usize, out: &mut [f64]| out.fill(f64::NAN);
@@ -110,11 +111,12 @@ fn stages(criterion: &mut Criterion) {
     group.bench_function("stripes", |b| {
         b.iter(|| read_stripes(rope, &outlines, template, &table, black_box(&view.image), &view.axis_px, phases));
     });
-    group.bench_function("learning", |b| b.iter(|| learn(rope, camera, estimates, black_box(view), &mut histogram)));
-    let blocks = block_lines(known.spec.pitch_mm);
+    group.bench_function("learning", |b| {
+        b.iter(|| learn(rope, camera, estimates, black_box(view), block_lines, &mut histogram));
+    });
     group.bench_function("evidence", |b| {
         b.iter(|| {
-            Residuals::gather(rope, camera, estimates, black_box(view), &appearance, blocks, known.spec.pitch_mm)
+            Residuals::gather(rope, camera, estimates, black_box(view), &appearance, block_lines, known.spec.pitch_mm)
         });
     });
     group.finish();
