@@ -17,6 +17,7 @@ use super::unwrapping::{LINE_STRIDE, StripeTable};
 use super::wire_lock::{learn_patterns, lock_wires};
 use super::wire_pattern::PatternSums;
 use super::wire_tracking::{StripeShift, WirePrediction};
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Rounds of registration and template learning; each sharpens the template for the next.
@@ -129,28 +130,30 @@ fn view_model(spec: &AlignerSpec, gathered: &[Measured], v: usize, angle_rad: f6
 
 /// Fits every stretch: the best on its own, the others outward from it. `None` if not one can be fitted.
 fn fit_all(spec: &AlignerSpec, models: &[ViewModel], gathered: &mut [Measured]) -> Option<()> {
-    let alone: Vec<_> = gathered.iter().map(|m| fit_from(spec, models, m, None)).collect();
+    let alone: Vec<_> = gathered.par_iter().map(|m| fit_from(spec, models, m, None)).collect();
     for (measured, fit) in gathered.iter_mut().zip(&alone) {
         measured.fit = *fit;
     }
     let score = |k: usize| alone[k].as_ref().map_or(f64::NEG_INFINITY, |f| f.score);
     let best = (0..gathered.len()).max_by(|&a, &b| score(a).total_cmp(&score(b)))?;
     alone[best].ok()?;
-    let follow = |gathered: &mut [Measured], from: usize, to: usize| {
-        let fit = gathered[from].fit;
-        if let Ok(fit) = fit {
-            let reference = Reference::straight(&fit, &spec.rope, gathered[from].lines, spec.pitch_mm, spec.knot_lines);
+    let follow = |from: &Measured, to: &mut Measured| {
+        if let Ok(fit) = from.fit {
+            let reference = Reference::straight(&fit, &spec.rope, from.lines, spec.pitch_mm, spec.knot_lines);
             // Signed distance: stretches before the best one are reached backward.
-            let shifted = reference_shifted(&reference, gathered[from].first_line, gathered[to].first_line);
-            gathered[to].fit = fit_from(spec, models, &gathered[to], Some((gathered[to].first_line, &shifted)));
+            let shifted = reference_shifted(&reference, from.first_line, to.first_line);
+            to.fit = fit_from(spec, models, to, Some((to.first_line, &shifted)));
         }
     };
-    for to in best + 1..gathered.len() {
-        follow(gathered, to - 1, to);
-    }
-    for to in (0..best).rev() {
-        follow(gathered, to + 1, to);
-    }
+    let (before, rest) = gathered.split_at_mut(best);
+    let (best, after) = rest.split_first_mut()?;
+    let outward = |stretches: &mut dyn Iterator<Item = &mut Measured>| {
+        stretches.fold(&*best, |from, to| {
+            follow(from, to);
+            to
+        });
+    };
+    rayon::join(|| outward(&mut after.iter_mut()), || outward(&mut before.iter_mut().rev()));
     Some(())
 }
 
@@ -207,29 +210,33 @@ fn place_cameras(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured]) {
 
 /// Learns the templates anew from all gathered stretches.
 fn first_templates(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) {
-    for (v, (model, sums)) in views.models.iter_mut().zip(&mut views.sums).enumerate() {
+    let references: Vec<Option<Reference>> = gathered
+        .iter()
+        .map(|measured| match (&measured.reference, measured.fit.ok()?) {
+            (Some(reference), fit) if reference.rate_rad_per_mm == fit.rate_rad_per_mm => Some(reference.clone()),
+            (_, fit) => Some(Reference::straight(&fit, &spec.rope, measured.lines, spec.pitch_mm, spec.knot_lines)),
+        })
+        .collect();
+    for (measured, reference) in gathered.iter_mut().zip(&references).filter(|(m, _)| m.reference.is_none()) {
+        let Some(reference) = reference else { continue };
+        measured.views.par_iter_mut().zip(&views.models).filter(|(view, _)| view.image.lines() > 0).for_each(
+            |(view, model)| {
+                view.set_axis(model, &spec.rope, reference);
+            },
+        );
+    }
+    views.models.par_iter_mut().zip(&mut views.sums).enumerate().for_each(|(v, (model, sums))| {
         *sums = TemplateSums::new(spec.width_px);
-        for measured in gathered.iter_mut() {
-            let Ok(fit) = measured.fit else { continue };
-            let reference = match &measured.reference {
-                Some(reference) if reference.rate_rad_per_mm == fit.rate_rad_per_mm => reference.clone(),
-                _ => Reference::straight(&fit, &spec.rope, measured.lines, spec.pitch_mm, spec.knot_lines),
-            };
-            let view = &mut measured.views[v];
-            if view.image.lines() == 0 {
-                continue;
-            }
-            if measured.reference.is_none() {
-                view.set_axis(model, &spec.rope, &reference);
-            }
-            if view.usable() {
+        for (measured, reference) in gathered.iter().zip(&references) {
+            let (view, Some(reference)) = (&measured.views[v], reference) else { continue };
+            if view.image.lines() > 0 && view.usable() {
                 let phase = |line: usize| model.camera.phase_in_view(reference.average_phase_rad(&spec.rope, line));
                 let remover = reference.wires_remover(&spec.rope, model);
                 sums.add(&spec.rope, &view.image, &view.axis_px, LINE_STRIDE, phase, remover);
             }
         }
         model.template = Template::new(&spec.rope, &model.camera, sums);
-    }
+    });
 }
 
 fn wrong_hand(views: &Views) -> bool {
