@@ -127,11 +127,11 @@ impl Residuals {
                     of_point.score += scores[usize::from(bin)];
                     of_point.deviation += f32::from(bin) + 0.5 - expected;
                     of_point.pixels += 1.0;
-                    if let Some((pair, axis_moved_px)) = &line.compared {
-                        if let Some(change) = pair.along(column, axis_moved_px - lag_lines * point.slope_px) {
-                            of_point.along += change;
-                            of_point.alongs += 1.0;
-                        }
+                    if let Some((pair, axis_moved_px)) = &line.compared
+                        && let Some(change) = pair.along(column, axis_moved_px - lag_lines * point.slope_px)
+                    {
+                        of_point.along += change;
+                        of_point.alongs += 1.0;
                     }
                 }
                 if of_point.score.is_nan() {
