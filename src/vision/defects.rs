@@ -7,6 +7,8 @@ use super::scoring::StretchScores;
 const ALARM_GAP_MM: f64 = 4.0;
 /// Alarms of one strand nearer than this along the rope have one cause.
 const DEFECT_GAP_MM: f64 = 15.0;
+/// Alarms of one wire nearer than this have one cause: on the inner side of its strand nobody sees it.
+const WIRE_GAP_MM: f64 = 40.0;
 
 /// A run of lines of one view over the threshold.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,18 +153,24 @@ impl AlarmBuilder {
 
 /// How far behind an alarm may end and still be joined by one that comes later, in lines.
 pub fn reach_lines(pitch_mm: f64) -> usize {
-    ((ALARM_GAP_MM + DEFECT_GAP_MM) / pitch_mm).ceil() as usize
+    ((ALARM_GAP_MM + WIRE_GAP_MM) / pitch_mm).ceil() as usize
 }
 
-/// Merges alarms into defects: those of one strand nearby, and those of different views at the same place of the rope.
+/// Merges alarms into defects: those of one wire from pass to pass, of one strand nearby, and of different views at the same place
+/// of the rope.
 pub fn merge(mut alarms: Vec<Alarm>, pitch_mm: f64) -> Vec<Defect> {
     alarms.sort_by_key(|a| (a.first_line, a.view));
-    let gap_lines = (DEFECT_GAP_MM / pitch_mm).round() as usize;
+    let lines = |mm: f64| (mm / pitch_mm).round() as usize;
+    let (gap_lines, wire_gap_lines) = (lines(DEFECT_GAP_MM), lines(WIRE_GAP_MM));
     let mut defects: Vec<Defect> = Vec::new();
     for alarm in alarms {
         let near = |a: &Alarm| {
             let apart = alarm.first_line.saturating_sub(a.last_line);
-            if a.strand == alarm.strand { apart <= gap_lines } else { apart <= gap_lines / 3 && a.view != alarm.view }
+            if a.strand == alarm.strand {
+                apart <= if a.wire == alarm.wire { wire_gap_lines } else { gap_lines }
+            } else {
+                apart <= gap_lines / 3 && a.view != alarm.view
+            }
         };
         let mut joined = Defect { alarms: vec![alarm.clone()] };
         let mut k = 0;
@@ -205,6 +213,16 @@ mod tests {
         assert_eq!(defects[0].alarms.len(), 2);
         assert_eq!(defects[0].peak().unwrap().view, 1);
         assert_eq!((defects[0].first_line(), defects[0].last_line()), (100, 160));
+    }
+
+    #[test]
+    fn a_missing_wire_is_one_defect_although_nobody_sees_it_between_its_passes() {
+        let of_wire = |first_line, wire| Alarm { wire, ..alarm(0, first_line, first_line + 300, 3, 15.0) };
+        let passes = [of_wire(48400, 2), of_wire(49020, 2), of_wire(49680, 2)];
+        assert_eq!(merge(passes.to_vec(), 0.1).len(), 1);
+        // Another wire of the strand that far away is another matter, and so is the same one farther away.
+        assert_eq!(merge(vec![of_wire(48400, 2), of_wire(49020, 5)], 0.1).len(), 2);
+        assert_eq!(merge(vec![of_wire(48400, 2), of_wire(49200, 2)], 0.1).len(), 2);
     }
 
     #[test]
