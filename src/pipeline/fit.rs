@@ -263,7 +263,7 @@ mod tests {
     #[test]
     fn rope_that_scores_higher_all_over_or_wider_does_not_fit_and_the_warning_has_figures() {
         let (budget, scores) = trained();
-        for (lift, spread) in [(1.2, 0.6), (0.0, 0.9)] {
+        for (lift, spread) in [(1.6, 0.6), (0.0, 0.9)] {
             let fit = rope(10.0, lift, spread, true).fit(&budget, &scores);
             assert!(!fit.fits, "{fit:?}");
             assert!(fit.views[0].here.of_100_99 > fit.views[0].trained.of_100_99);
