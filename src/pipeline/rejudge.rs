@@ -77,7 +77,7 @@ impl ScoreCourse {
         let mut first_line = 0;
         for &(score, lines) in &self.runs {
             if f64::from(score) > threshold {
-                builder.add(first_line, lines, &one_block(score, lines), 1.0, |_| None);
+                builder.add(first_line, lines, &one_block(score, first_line, lines), 1.0, |_| None);
             }
             first_line += lines;
         }
@@ -95,12 +95,13 @@ impl ScoreCourse {
     }
 }
 
-fn one_block(score: f32, lines: usize) -> StretchScores {
+/// Line scores know no wires: every run counts as one of its own, so that none are joined from pass to pass of a wire.
+fn one_block(score: f32, first_line: usize, lines: usize) -> StretchScores {
     StretchScores {
         cells: Vec::new(),
         seen: Vec::new(),
         blocks: vec![score],
-        peaks: vec![(0, 0)],
+        peaks: vec![(0, first_line)],
         block_lines: lines,
         places: 1,
     }
