@@ -40,14 +40,14 @@ impl Drive<'_> {
         reader: &mut StretchReader<'_>,
         take: impl FnMut(AlignedStretch, &[Camera]) -> Result<(), PipelineError>,
     ) -> Result<(), PipelineError> {
-        self.run_telling(reader, |_| (), take)
+        self.run_telling(reader, |_| Ok(()), take)
     }
 
     /// The same; `tell` sees stretches that were settled together before the first of them is taken.
     pub fn run_telling(
         &self,
         reader: &mut StretchReader<'_>,
-        mut tell: impl FnMut(&[AlignedStretch]),
+        mut tell: impl FnMut(&[AlignedStretch]) -> Result<(), PipelineError>,
         mut take: impl FnMut(AlignedStretch, &[Camera]) -> Result<(), PipelineError>,
     ) -> Result<(), PipelineError> {
         let first_line = reader.range().start;
@@ -66,7 +66,7 @@ impl Drive<'_> {
             let cameras = aligner.cameras().unwrap_or_default();
             let total_m = (reader.range().end - first_line) as f64 * pitch_m;
             if !aligned.is_empty() {
-                tell(&aligned);
+                tell(&aligned)?;
             }
             for stretch in aligned {
                 let done_m = (stretch.first_line + stretch.lines - first_line) as f64 * pitch_m;

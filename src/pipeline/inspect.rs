@@ -70,13 +70,14 @@ pub fn inspect(
     let mut coverage = Coverage::default();
     // Who looks on hears of lay lengths at once: the search settles several stretches together, and scoring them takes a while.
     let tell = |settled: &[AlignedStretch]| {
-        let rows = settled.iter().flat_map(|stretch| lay_length_rows(acquisition, stretch)).collect();
+        let rows: Vec<_> = settled.iter().flat_map(|stretch| lay_length_rows(acquisition, stretch)).collect();
+        for row in &rows {
+            lay_lengths.write(row)?;
+        }
         progress.found(Found { lay_lengths: rows, defects: None });
+        Ok(())
     };
     drive.run_telling(&mut reader, tell, |stretch, cameras| {
-        for row in lay_length_rows(acquisition, &stretch) {
-            lay_lengths.write(&row)?;
-        }
         for (v, view) in stretch.views.iter().enumerate() {
             let aligned = stretch.estimates.is_ok() && view.usable();
             displacement.append(v, (0..stretch.lines).map(|k| if aligned { view.axis_px[k] } else { f32::NAN }))?;
@@ -87,8 +88,6 @@ pub fn inspect(
             if let Some(maps) = &mut maps {
                 maps.append(images)?;
             }
-        }
-        if let Some(detection) = &mut detection {
             let defects = detection.so_far(stretch.first_line + stretch.lines);
             progress.found(Found { lay_lengths: Vec::new(), defects: Some(defects) });
         }

@@ -13,7 +13,7 @@ use super::residuals::Residuals;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 /// Length of a block along the rope in mm: finer than the smallest gap of interest.
 pub const BLOCK_MM: f64 = 0.5;
@@ -90,6 +90,15 @@ pub fn block_lines(pitch_mm: f64) -> usize {
     (BLOCK_MM / pitch_mm).round().max(1.0) as usize
 }
 
+/// The blocks of so many lines, each with the line in its middle: there the surface is mapped, and the other lines of the block see
+/// the same places a little to the side.
+pub fn blocks(lines: usize, block_lines: usize) -> impl Iterator<Item = (Range<usize>, usize)> {
+    (0..lines).step_by(block_lines).map(move |first| {
+        let end = (first + block_lines).min(lines);
+        (first..end, (first + end) / 2)
+    })
+}
+
 /// Adds the pixels of a stretch to a histogram of intact rope: gray bin by surface cell (eq. 18).
 pub fn learn(
     rope: &Rope,
@@ -102,10 +111,7 @@ pub fn learn(
     let half_width_px = camera.px_per_mm * rope.diameter_mm() / 2.0;
     let scale = GrayScale::new(&view.image, &view.axis_px, half_width_px);
     let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
-    let lines = view.image.lines();
-    for first in (0..lines).step_by(block_lines) {
-        let block = first..(first + block_lines).min(lines);
-        let middle = (block.start + block.end) / 2;
+    for (block, middle) in blocks(view.image.lines(), block_lines) {
         map.for_each(middle, view.axis_px[middle], |point| {
             for line in block.clone() {
                 let axis_moved_px = view.axis_px[line] - view.axis_px[middle];

@@ -99,10 +99,7 @@ impl Residuals {
         let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
         let mut grain = Grain::new(pitch_mm, view.image.width(), block_lines);
         let lag_lines = grain.lag_lines() as f32;
-        for block in 0..blocks {
-            // The surface is mapped once a block, at its middle; the other lines see the same places a little to the side.
-            let of_block = block * block_lines..((block + 1) * block_lines).min(lines);
-            let middle = (of_block.start + of_block.end) / 2;
+        for (block, (of_block, middle)) in evidence::blocks(lines, block_lines).enumerate() {
             let moved_px = |from: usize, to: usize| view.axis_px[to] - view.axis_px[from];
             of_block.clone().for_each(|line| grain.take(line, view.image.line(line), scale.fine(line)));
             let seen: Vec<Line<'_>> = of_block
