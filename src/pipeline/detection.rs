@@ -10,7 +10,7 @@ use super::{Acquisition, PipelineError};
 use crate::vision::aligner::AlignedStretch;
 use crate::vision::camera::Camera;
 use crate::vision::defects::{AlarmBuilder, Defect, merge};
-use crate::vision::evidence::block_lines;
+use crate::vision::evidence::{block_lines, blocks};
 use crate::vision::image::GrayImage;
 use crate::vision::inspection_model::AlignedView;
 use crate::vision::scoring::{StretchScores, join_views};
@@ -211,17 +211,17 @@ fn likelihood_map(seen: &AlignedView<'_>, scores: &StretchScores) -> GrayImage {
     let mut image = white(width, lines);
     let mut map = seen.surface_map();
     let mut drawn = vec![255u8; width];
-    for (block, first) in (0..lines).step_by(scores.block_lines).enumerate() {
+    for (block, (of_block, middle)) in blocks(lines, scores.block_lines).enumerate() {
         let row = block * seen.rope.strands() * scores.places;
         drawn.fill(255);
-        map.for_each(first, seen.view.axis_px[first], |point| {
+        map.for_each(middle, seen.view.axis_px[middle], |point| {
             let score = scores.cells[row + point.strand * scores.places + point.place];
             if score.is_finite() {
                 drawn[point.column] = (255.0 * (1.0 - score / BLACK_AT_SCORE).clamp(0.0, 1.0)) as u8;
             }
         });
         // A score holds for a block.
-        (first..(first + scores.block_lines).min(lines)).for_each(|line| image.line_mut(line).copy_from_slice(&drawn));
+        of_block.for_each(|line| image.line_mut(line).copy_from_slice(&drawn));
     }
     image
 }

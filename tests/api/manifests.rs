@@ -114,6 +114,11 @@ async fn a_manifest_beyond_the_quota_is_refused_with_figures_and_so_is_a_frame()
     let refused = app.admin.put_frame(&id, 0, 1, png(1)).await;
     refused.problem(507, "insufficient-storage");
     assert_eq!(refused.header("retry-after"), "10");
+    // A body that does not say how long it is meets the quota when it has arrived.
+    let body = futures::stream::iter([Ok::<_, std::io::Error>(png(1))]);
+    let request = app.admin.request("PUT", &format!("acquisitions/{id}/views/0/frames/1"));
+    let refused = app.admin.send(request.body(reqwest::Body::wrap_stream(body))).await;
+    refused.problem(507, "insufficient-storage");
     quota(json!(null)).await.ok(200);
     app.admin.put_frame(&id, 0, 1, png(1)).await.ok(201);
     app.admin
