@@ -122,6 +122,7 @@ impl<'a> Looker<'a> {
             return (f64::NAN, f64::NAN);
         }
         let (lower, upper) = (edge(&seen.view.contours.lower_px), edge(&seen.view.contours.upper_px));
-        (contour.lower_px(phase) - lower, upper - contour.upper_px(phase))
+        let (model_lower, model_upper) = contour.edges_px(phase);
+        (model_lower - lower, upper - model_upper)
     }
 }

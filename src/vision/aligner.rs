@@ -12,7 +12,7 @@ use super::estimates::{Estimates, NotAligned, estimate};
 use super::fitting::fit_from;
 use super::image::GrayImage;
 use super::lock::{Lock, lock};
-use super::measuring::{learn_template, measure, measure_wires};
+use super::measuring::{learn_template, measure, measure_wires, read_wires};
 use super::outline_detail::DetailSums;
 use super::rope::Rope;
 use super::strand_alignment::StrandAlignment;
@@ -335,6 +335,7 @@ impl Aligner {
         self.lost = 0;
         let before: Vec<&Measured> = self.window.iter().collect();
         measure(&self.spec, views, &mut seen, &before, &self.wires);
+        read_wires(&self.spec, views, &mut seen);
         learn_template(&self.spec, views, &seen);
         measure_wires(&self.spec, views, &mut seen, &self.wires);
         let window: Vec<&Measured> = before.into_iter().chain([&seen]).collect();

@@ -66,10 +66,11 @@ fn model_cross(rope: &Rope, camera: &Camera) -> (f64, f64) {
     for k in 0..SAMPLES {
         let phase = rope.strand_step_rad() * k as f64 / SAMPLES as f64;
         let (sin, cos) = (rope.strands() as f64 * phase).sin_cos();
-        harmonics.upper.0 += model.upper_px(phase) * cos;
-        harmonics.upper.1 -= model.upper_px(phase) * sin;
-        harmonics.lower.0 += model.lower_px(phase) * cos;
-        harmonics.lower.1 -= model.lower_px(phase) * sin;
+        let (lower, upper) = model.edges_px(phase);
+        harmonics.upper.0 += upper * cos;
+        harmonics.upper.1 -= upper * sin;
+        harmonics.lower.0 += lower * cos;
+        harmonics.lower.1 -= lower * sin;
     }
     harmonics.cross()
 }

@@ -60,6 +60,9 @@ pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), 
     course
 }
 
+/// Every how many places a parabola is fitted; between them the course is straight. Windows are a hundred lines long and more.
+const FITTED_EVERY: usize = 8;
+
 /// Value at every place of the parabola fitted to `half` values on either side, skipping NaN: swings stay swings, also at the
 /// ends, where the window is one-sided.
 fn local_parabolas(values: &[f32], half: usize) -> Vec<f32> {
@@ -78,22 +81,31 @@ fn local_parabolas(values: &[f32], half: usize) -> Vec<f32> {
         }
         sums[k + 1] = next;
     }
-    (0..n)
-        .map(|k| {
-            let (from, to) = (k.saturating_sub(half), (k + half + 1).min(n));
-            // A window cut at an end is lengthened on the other side, so that it stays as certain.
-            let (from, to) = (from.min(n.saturating_sub(2 * half + 1)), to.max((2 * half + 1).min(n)));
-            let s: [f64; 8] = std::array::from_fn(|t| sums[to][t] - sums[from][t]);
-            if s[0] < 3.0 {
-                return f32::NAN;
-            }
-            let x = place(k);
-            let parabola = Matrix3::new(s[0], s[1], s[2], s[1], s[2], s[3], s[2], s[3], s[4])
-                .lu()
-                .solve(&Vector3::new(s[5], s[6], s[7]));
-            parabola.map_or((s[5] / s[0]) as f32, |p| (p[0] + p[1] * x + p[2] * x * x) as f32)
-        })
-        .collect()
+    let fitted = |k: usize| {
+        let (from, to) = (k.saturating_sub(half), (k + half + 1).min(n));
+        // A window cut at an end is lengthened on the other side, so that it stays as certain.
+        let (from, to) = (from.min(n.saturating_sub(2 * half + 1)), to.max((2 * half + 1).min(n)));
+        let s: [f64; 8] = std::array::from_fn(|t| sums[to][t] - sums[from][t]);
+        if s[0] < 3.0 {
+            return f32::NAN;
+        }
+        let x = place(k);
+        let parabola = Matrix3::new(s[0], s[1], s[2], s[1], s[2], s[3], s[2], s[3], s[4])
+            .try_inverse()
+            .map(|inverse| inverse * Vector3::new(s[5], s[6], s[7]));
+        parabola.map_or((s[5] / s[0]) as f32, |p| (p[0] + p[1] * x + p[2] * x * x) as f32)
+    };
+    let Some(last) = n.checked_sub(1) else { return Vec::new() };
+    let mut course = Vec::with_capacity(n);
+    let mut here = fitted(0);
+    for from in (0..n).step_by(FITTED_EVERY) {
+        let to = (from + FITTED_EVERY).min(last);
+        let next = fitted(to);
+        let per_place = (next - here) / (to - from).max(1) as f32;
+        course.extend((0..FITTED_EVERY.min(n - from)).map(|k| here + k as f32 * per_place));
+        here = next;
+    }
+    course
 }
 
 /// Lets a calm course follow a closer one where they differ by more than `uneven_px` rms within `half` lines (James-Stein): there

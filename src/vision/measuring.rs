@@ -74,20 +74,25 @@ pub(super) fn measure(
     // What is measured from here on is relative to the corrected axis.
     let sums = register_views(rope, &views.models, &seen.views, &reference);
     seen.strands = strand_knots(rope, &views.models, &sums, &reference, &vec![vec![0.0; knots]; seen.views.len()]);
+    seen.reference = Some(reference);
+}
+
+/// Reads the wires' stripes of a stretch whose strands were measured.
+pub(super) fn read_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measured) {
+    let Some(reference) = &seen.reference else { return };
     seen.stripes = views
         .models
         .par_iter()
         .zip(&seen.views)
         .map(|(model, view)| match (&model.template, view.usable()) {
             (Some(template), true) => {
-                read_stripes(rope, &model.outlines, template, &views.table, &view.image, &view.axis_px, |line, out| {
-                    reference.phases_rad(rope, line, out);
-                })
+                let phases = |line: usize, out: &mut [f64]| reference.phases_rad(&spec.rope, line, out);
+                let (outlines, table) = (&model.outlines, &views.table);
+                read_stripes(&spec.rope, outlines, template, table, &view.image, &view.axis_px, phases)
             }
             _ => Stripes::default(),
         })
         .collect();
-    seen.reference = Some(reference);
 }
 
 /// Adds a measured stretch to the templates and renews them.

@@ -12,15 +12,15 @@ const BINS: usize = 512;
 #[derive(Debug, Clone)]
 pub struct ModelContour {
     step_rad: f64,
-    upper_px: Vec<f64>,
-    lower_px: Vec<f64>,
+    /// Lower and upper edge.
+    edges_px: Vec<(f64, f64)>,
 }
 
 impl ModelContour {
     /// Tabulates eq. 7-8: extremes over the outlines (eq. 6) of all strands.
     pub fn new(rope: &Rope, camera: &Camera) -> Self {
         let step_rad = rope.strand_step_rad();
-        let outlines = (0..=BINS).map(|bin| {
+        let outline = |bin: usize| {
             let phase_rad = step_rad * bin as f64 / BINS as f64;
             (0..rope.strands())
                 .map(|j| {
@@ -28,35 +28,36 @@ impl ModelContour {
                     camera.outline_px(y, z, rope.strand_radius_mm())
                 })
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (from, to)| (low.min(from), high.max(to)))
-        });
-        let (lower_px, upper_px) = outlines.unzip();
-        Self { step_rad, upper_px, lower_px }
+        };
+        Self { step_rad, edges_px: (0..=BINS).map(outline).collect() }
     }
 
-    fn look_up(&self, table: &[f64], phase_in_view_rad: f64) -> f64 {
-        let at = (phase_in_view_rad / self.step_rad).rem_euclid(1.0) * BINS as f64;
+    /// Columns of the lower and the upper outline (mc^l, mc^u), counted from the rope axis, for the phase of any strand in this view.
+    #[inline]
+    pub fn edges_px(&self, phase_in_view_rad: f64) -> (f64, f64) {
+        let steps = phase_in_view_rad / self.step_rad;
+        let at = (steps - steps.floor()) * BINS as f64;
         let bin = (at as usize).min(BINS - 1);
-        table[bin] + (table[bin + 1] - table[bin]) * (at - bin as f64)
+        let share = at - bin as f64;
+        let ((lower, upper), (next_lower, next_upper)) = (self.edges_px[bin], self.edges_px[bin + 1]);
+        (lower + (next_lower - lower) * share, upper + (next_upper - upper) * share)
     }
 
-    /// mc^u: column of the upper outline, counted from the rope axis, for the phase of any strand in this view.
-    pub fn upper_px(&self, phase_in_view_rad: f64) -> f64 {
-        self.look_up(&self.upper_px, phase_in_view_rad)
-    }
-
-    /// mc^l: column of the lower outline, counted from the rope axis.
-    pub fn lower_px(&self, phase_in_view_rad: f64) -> f64 {
-        self.look_up(&self.lower_px, phase_in_view_rad)
+    /// One of them, by the number of its side: 0 is the upper, 1 the lower.
+    pub fn edge_px(&self, side: usize, phase_in_view_rad: f64) -> f64 {
+        let (lower, upper) = self.edges_px(phase_in_view_rad);
+        [upper, lower][side]
     }
 
     /// Width of the outline.
     pub fn width_px(&self, phase_in_view_rad: f64) -> f64 {
-        self.upper_px(phase_in_view_rad) - self.lower_px(phase_in_view_rad)
+        let (lower, upper) = self.edges_px(phase_in_view_rad);
+        upper - lower
     }
 
     /// Mean width over all phases in px.
     pub fn mean_width_px(&self) -> f64 {
-        (0..BINS).map(|bin| self.upper_px[bin] - self.lower_px[bin]).sum::<f64>() / BINS as f64
+        self.edges_px[..BINS].iter().map(|(lower, upper)| upper - lower).sum::<f64>() / BINS as f64
     }
 
     /// Phase between neighbouring strands in rad: the period of the outline.
@@ -90,6 +91,7 @@ mod tests {
         let expected =
             20.0 * (rope.strand_curve_radius_mm() * (rope.strand_step_rad() / 2.0).cos() + rope.strand_radius_mm());
         assert!((notch - expected).abs() < 0.05);
-        assert!((contour.upper_px(0.4) + contour.lower_px(0.4)).abs() < 1e-3); // even strands: symmetric
+        let (lower, upper) = contour.edges_px(0.4);
+        assert!((upper + lower).abs() < 1e-3); // even strands: symmetric
     }
 }

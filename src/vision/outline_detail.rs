@@ -72,8 +72,7 @@ impl DetailSums {
                     continue;
                 }
                 let phase = strands[j] - angle_rad;
-                let outline = if side == 0 { model.upper_px(phase) } else { model.lower_px(phase) };
-                let difference = f64::from(column - axis_px[line]) - outline;
+                let difference = f64::from(column - axis_px[line]) - model.edge_px(side, phase);
                 if difference.abs() > 2.0 * CONTOUR_CUT_PX {
                     continue;
                 }
@@ -117,7 +116,7 @@ impl OutlineDetail {
                 bins[side][k] = sum / (count + SHRINKAGE);
                 let at = |k: f64| {
                     let phase = k / BINS as f64 * rope.strand_step_rad();
-                    if side == 0 { model.upper_px(phase) } else { model.lower_px(phase) }
+                    model.edge_px(side, phase)
                 };
                 slopes[side][k] = at(k as f64 + 1.0) - at(k as f64);
             }

@@ -202,7 +202,7 @@ pub fn register_contours(
             }
             let j = strand_at_side(&phases, angle_rad, SIDES_RAD[side]);
             let phase = phases[j] - angle_rad;
-            let outline = |p: f64| if side == 0 { model.upper_px(p) } else { model.lower_px(p) };
+            let outline = |p: f64| model.edge_px(side, p);
             let slope = (outline(phase + step) - outline(phase - step)) / (2.0 * step);
             let difference = f64::from(column - axis_px[k]) - outline(phase);
             let cut = difference.clamp(-CONTOUR_CUT_PX, CONTOUR_CUT_PX);

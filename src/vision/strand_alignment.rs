@@ -1,7 +1,6 @@
 //! Alignment of the strands with the contours of a stretch. [Wacker13, sec. 3.3.1 (4), eq. 13]
 
 use super::contour::Contours;
-use super::displacement::axis_px;
 use super::model_contour::ModelContour;
 use super::simplex::{Minimum, Termination, minimise};
 use std::f64::consts::TAU;
@@ -37,27 +36,40 @@ const LINE_STRIDE: usize = 8;
 /// Fewest usable lines (after the stride) for a correlation to mean anything.
 const FEWEST_LINES: usize = 24;
 
+/// The lines of a view that eq. 13 is evaluated at.
+struct SeenWidths<'a> {
+    model: &'a ModelContour,
+    angle_rad: f64,
+    /// Distance from the middle of the stretch in mm, and width of the rope in px.
+    lines: Vec<(f64, f64)>,
+}
+
+impl<'a> SeenWidths<'a> {
+    fn of(view: &ContourView<'a>, pitch_mm: f64) -> Self {
+        let n = view.contours.len();
+        let middle = (n as f64 - 1.0) / 2.0;
+        let width = |k: usize| f64::from(view.contours.upper_px[k]) - f64::from(view.contours.lower_px[k]);
+        let lines = (0..n).step_by(LINE_STRIDE).map(|k| ((k as f64 - middle) * pitch_mm, width(k)));
+        Self { model: view.model, angle_rad: view.angle_rad, lines: lines.filter(|(_, w)| w.is_finite()).collect() }
+    }
+}
+
 /// NCC of real and model contours, corrected by eq. 10, averaged over all contours of all views (eq. 13); `None` without lines.
 ///
-/// The phase at line k is `phase_rad + rate * (k - middle) * pitch`.
-pub fn contour_score(views: &[ContourView], pitch_mm: f64, phase_rad: f64, rate_rad_per_mm: f64) -> Option<f64> {
+/// The phase at a line is `phase_rad` + rate * distance from the middle. With the axis of eq. 10, half of the rope's width is left
+/// of the real contours on either side of the middle between the model's (eq. 11-12).
+fn contour_score(views: &[SeenWidths], phase_rad: f64, rate_rad_per_mm: f64) -> Option<f64> {
     let mut total = 0.0;
     let mut contours = 0;
     for view in views {
-        let n = view.contours.len();
-        let middle = (n as f64 - 1.0) / 2.0;
         let mut upper = Correlation::default();
         let mut lower = Correlation::default();
-        for k in (0..n).step_by(LINE_STRIDE) {
-            let (l, u) = (f64::from(view.contours.lower_px[k]), f64::from(view.contours.upper_px[k]));
-            if !(l.is_finite() && u.is_finite()) {
-                continue;
-            }
-            let phase = phase_rad + rate_rad_per_mm * (k as f64 - middle) * pitch_mm - view.angle_rad;
-            let (ml, mu) = (view.model.lower_px(phase), view.model.upper_px(phase));
-            let axis = axis_px(l, u, ml, mu);
-            upper.add(u - axis, mu); // eq. 11
-            lower.add(l - axis, ml); // eq. 12
+        for (off_mm, width) in &view.lines {
+            let phase = phase_rad + rate_rad_per_mm * off_mm - view.angle_rad;
+            let (model_lower, model_upper) = view.model.edges_px(phase);
+            let middle = (model_upper + model_lower) / 2.0;
+            upper.add(middle + width / 2.0, model_upper);
+            lower.add(middle - width / 2.0, model_lower);
         }
         if let (Some(a), Some(b)) = (upper.coefficient(), lower.coefficient()) {
             total += a + b;
@@ -99,11 +111,16 @@ impl Correlation {
 
 /// Polishes a start with the downhill simplex. `None` if the views show too few lines.
 pub fn polish(views: &[ContourView], pitch_mm: f64, phase_rad: f64, rate_rad_per_mm: f64) -> Option<StrandAlignment> {
-    contour_score(views, pitch_mm, phase_rad, rate_rad_per_mm)?;
-    let step_rad = views[0].model.step_rad();
-    let length_mm = views[0].contours.len() as f64 * pitch_mm;
+    let seen: Vec<SeenWidths> = views.iter().map(|view| SeenWidths::of(view, pitch_mm)).collect();
+    let length_mm = views.first()?.contours.len() as f64 * pitch_mm;
+    polish_seen(&seen, length_mm, phase_rad, rate_rad_per_mm)
+}
+
+fn polish_seen(seen: &[SeenWidths], length_mm: f64, phase_rad: f64, rate_rad_per_mm: f64) -> Option<StrandAlignment> {
+    contour_score(seen, phase_rad, rate_rad_per_mm)?;
+    let step_rad = seen[0].model.step_rad();
     let Minimum { at, cost, evaluations, termination } = minimise(
-        |p: &[f64; 2]| -contour_score(views, pitch_mm, p[0], p[1]).unwrap_or(-1.0),
+        |p: &[f64; 2]| -contour_score(seen, p[0], p[1]).unwrap_or(-1.0),
         [phase_rad, rate_rad_per_mm],
         [0.03 * step_rad, 0.06 * step_rad / length_mm],
         1e-3,
@@ -112,38 +129,50 @@ pub fn polish(views: &[ContourView], pitch_mm: f64, phase_rad: f64, rate_rad_per
     Some(StrandAlignment { phase_rad: at[0], rate_rad_per_mm: at[1], score: -cost, evaluations, termination })
 }
 
-/// Searches all phases and the lay lengths `lay_mm` (signed, same hand), then polishes the best: the paper's global grid search
-/// before the simplex. The answer is refused at the edge of the grid, for an edge is never an answer.
+/// Phases of the grid, over one period of the outline.
+const PHASES: usize = 16;
+/// Summits of the grid that are polished, the highest first.
+const MOST_SUMMITS: usize = 6;
+
+/// Searches all phases and the lay lengths `lay_mm` (signed, same hand), then polishes the summits of the grid: the paper's
+/// global grid search before the simplex. The answer is refused at the edge of the grid, for an edge is never an answer.
 pub fn search(views: &[ContourView], pitch_mm: f64, lay_mm: (f64, f64)) -> Option<StrandAlignment> {
     let length_mm = views.first()?.contours.len() as f64 * pitch_mm;
     let step_rad = views[0].model.step_rad();
+    let seen: Vec<SeenWidths> = views.iter().map(|view| SeenWidths::of(view, pitch_mm)).collect();
     let (low, high) = (TAU / lay_mm.1, TAU / lay_mm.0);
     // Between grid points the phase at the ends of the stretch moves by an eighth of the outline's period.
     let spacing = 0.25 * step_rad / length_mm;
     let rates = ((high - low).abs() / spacing).ceil().max(1.0) as usize;
-    const PHASES: usize = 16;
-    let mut candidates = Vec::with_capacity((rates + 1) * PHASES);
-    let mut evaluations = 0;
-    for r in 0..=rates {
-        let rate = low + (high - low) * r as f64 / rates as f64;
-        for p in 0..PHASES {
-            let phase = step_rad * p as f64 / PHASES as f64;
-            candidates.push((contour_score(views, pitch_mm, phase, rate)?, phase, rate));
-            evaluations += 1;
-        }
-    }
-    candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let best = candidates
-        .iter()
-        .take(6)
-        .filter_map(|&(_, phase, rate)| polish(views, pitch_mm, phase, rate))
+    let rate_at = |r: usize| low + (high - low) * r as f64 / rates as f64;
+    let phase_at = |p: usize| step_rad * p as f64 / PHASES as f64;
+    let grid = (0..=rates)
+        .map(|r| (0..PHASES).map(|p| contour_score(&seen, phase_at(p), rate_at(r))).collect::<Option<Vec<f64>>>())
+        .collect::<Option<Vec<_>>>()?;
+    let best = summits(&grid)
+        .into_iter()
+        .take(MOST_SUMMITS)
+        .filter_map(|(r, p)| polish_seen(&seen, length_mm, phase_at(p), rate_at(r)))
         .filter(|a| {
             let (least, most) = (low.min(high), low.max(high));
             let slack = 0.02 * (most - least);
             a.rate_rad_per_mm >= least - slack && a.rate_rad_per_mm <= most + slack
         })
         .max_by(|a, b| a.score.total_cmp(&b.score))?;
-    Some(StrandAlignment { evaluations: evaluations + best.evaluations, ..best })
+    Some(StrandAlignment { evaluations: grid.len() * PHASES + best.evaluations, ..best })
+}
+
+/// (rate, phase) of the grid points that no neighbour exceeds, the highest first; phases are cyclic.
+fn summits(grid: &[Vec<f64>]) -> Vec<(usize, usize)> {
+    let is_summit = |&(r, p): &(usize, usize)| {
+        let rates = r.saturating_sub(1)..=(r + 1).min(grid.len() - 1);
+        let about = |r: usize| [p + PHASES - 1, p, p + 1].map(|p| grid[r][p % PHASES]);
+        rates.flat_map(about).all(|near| near <= grid[r][p])
+    };
+    let points = (0..grid.len()).flat_map(|r| (0..PHASES).map(move |p| (r, p)));
+    let mut summits: Vec<(usize, usize)> = points.filter(is_summit).collect();
+    summits.sort_by(|&(r, p), &(s, q)| grid[s][q].total_cmp(&grid[r][p]));
+    summits
 }
 
 #[cfg(test)]

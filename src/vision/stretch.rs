@@ -203,7 +203,7 @@ impl ViewStretch {
             &Contours::joined([before, &self.outline, after]),
             |k| {
                 let phase = model.camera.phase_in_view(reference.mean_phase_rad(k as f64 - first));
-                (model.contour.lower_px(phase), model.contour.upper_px(phase))
+                model.contour.edges_px(phase)
             },
             period_lines,
         );

@@ -4,7 +4,7 @@ use super::aligner::{AlignerSpec, Measured, Views};
 use super::courses::{StrandCourses, joint_courses, predict_wires};
 use super::estimates::measured_rate;
 use super::lock::{normalised, residual_scale, runs};
-use super::measuring::{learn_pattern, measure_wires, renew_patterns};
+use super::measuring::{learn_pattern, measure_wires, read_wires, renew_patterns};
 use super::outline_detail::DetailSums;
 use super::smoothing::Measurement;
 use super::unwrapping::{FACETS, LINE_STRIDE, Stripe, search_rate, turned_sum};
@@ -25,6 +25,7 @@ pub(super) fn lock_wires(
     gathered: &mut [Measured],
 ) -> Vec<Option<WirePrediction>> {
     let n = spec.rope.strands();
+    gathered.par_iter_mut().for_each(|measured| read_wires(spec, views, measured));
     let Some(first) = gathered.iter().position(|m| m.reference.is_some()) else { return vec![None; n] };
     let run = gathered[first..].iter().take_while(|m| m.reference.is_some()).count();
     let searched: Vec<&Measured> = gathered[first..first + run.min(WIRE_SEARCH_STRETCHES)].iter().collect();

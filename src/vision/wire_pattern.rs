@@ -87,6 +87,14 @@ impl PatternSums {
     }
 }
 
+/// Columns between the strands.
+const NO_STRAND: usize = usize::MAX;
+
+/// Product of complex numbers.
+fn times((a, b): (f32, f32), (c, d): (f32, f32)) -> (f32, f32) {
+    (a * c - b * d, a * d + b * c)
+}
+
 /// Mean phase of strand 0 over all strands.
 pub fn mean_phase(rope: &Rope, strand_phases_rad: &[f64]) -> f64 {
     let n = strand_phases_rad.len() as f64;
@@ -108,53 +116,57 @@ impl WirePattern {
         let reach = (2.5 * SMOOTHING_BINS).ceil() as isize;
         let kernel: Vec<(isize, f32)> =
             (-reach..=reach).map(|k| (k, (-0.5 * (k as f32 / SMOOTHING_BINS).powi(2)).exp())).collect();
-        // M psi of every row and column (NaN between strands), and which strand it is on.
-        let mut turn = vec![(f32::NAN, usize::MAX); PHASE_BINS * width];
+        // Of every row and column, which strand it is on and exp(i M psi) there.
+        let mut strands = vec![NO_STRAND; PHASE_BINS * width];
+        let mut turns = vec![(0.0f32, 0.0f32); PHASE_BINS * width];
         for row in 0..PHASE_BINS {
             for span in template.spans(row) {
                 let (from, to) = template.columns(span);
                 for c in from..to {
                     let psi = span.surface_rad(c as f64 - (width / 2) as f64);
-                    turn[row * width + c] = ((rope.wires() as f64 * psi) as f32, span.strand);
+                    let (sin, cos) = (rope.wires() as f64 * psi).sin_cos();
+                    turns[row * width + c] = (cos as f32, sin as f32);
+                    strands[row * width + c] = span.strand;
                 }
             }
         }
         let mut pattern = Self { width, re: vec![0.0; sums.re.len()], im: vec![0.0; sums.im.len()] };
+        let mut powers = turns.clone(); // exp(i h M psi)
+        let (mut re, mut im, mut count) = (vec![0.0f32; width], vec![0.0f32; width], vec![0.0f32; width]);
         for h in 0..HARMONICS {
-            let order = (h + 1) as f32;
-            // b = S exp(-i h M psi): the pattern seen on the surface, which hardly depends on the row.
-            let mut surface = vec![(0.0f32, 0.0f32); PHASE_BINS * width];
-            for (at, &(psi, _)) in turn.iter().enumerate() {
-                if psi.is_finite() {
-                    let (s, c) = (order * psi).sin_cos();
-                    let (re, im) = (sums.re[h * PHASE_BINS * width + at], sums.im[h * PHASE_BINS * width + at]);
-                    surface[at] = (re * c + im * s, im * c - re * s);
-                }
+            if h > 0 {
+                powers.iter_mut().zip(&turns).for_each(|(power, &turn)| *power = times(*power, turn));
             }
+            // b = S exp(-i h M psi): the pattern seen on the surface, which hardly depends on the row.
+            let of_harmonic = h * PHASE_BINS * width..(h + 1) * PHASE_BINS * width;
+            let seen = sums.re[of_harmonic.clone()].iter().zip(&sums.im[of_harmonic.clone()]);
+            let surface = powers.iter().zip(seen).map(|(&(c, s), (&re, &im))| times((re, im), (c, -s)));
+            let (surface_re, surface_im): (Vec<f32>, Vec<f32>) = surface.unzip();
             for row in 0..PHASE_BINS {
-                for c in 0..width {
-                    let at = row * width + c;
-                    let (psi, strand) = turn[at];
-                    if !psi.is_finite() {
-                        continue;
+                let here = row * width..(row + 1) * width;
+                [&mut re, &mut im, &mut count].into_iter().for_each(|sums| sums.fill(0.0));
+                for &(k, weight) in &kernel {
+                    // Beyond the ends of the table strands change their number; the pattern there is another one's.
+                    let Some(other) = row.checked_add_signed(k).filter(|&other| other < PHASE_BINS) else { continue };
+                    let there = other * width..(other + 1) * width;
+                    let same = strands[here.clone()].iter().zip(&strands[there.clone()]).map(|(a, b)| a == b);
+                    let surface = surface_re[there.clone()].iter().zip(&surface_im[there.clone()]);
+                    let there = surface.zip(&sums.counts[there]).zip(same);
+                    let targets = re.iter_mut().zip(&mut im).zip(&mut count);
+                    for (((re, im), count), (((of_re, of_im), of_count), same)) in targets.zip(there) {
+                        let weight = if same { weight } else { 0.0 };
+                        *re += weight * of_re;
+                        *im += weight * of_im;
+                        *count += weight * of_count;
                     }
-                    let (mut re, mut im, mut count) = (0.0, 0.0, 0.0);
-                    for &(k, w) in &kernel {
-                        let other = row as isize + k;
-                        // Beyond the ends of the table strands change their number; the pattern there is another one's.
-                        if (0..PHASE_BINS as isize).contains(&other) {
-                            let o = other as usize * width + c;
-                            if turn[o].1 == strand {
-                                re += w * surface[o].0;
-                                im += w * surface[o].1;
-                                count += w * sums.counts[o];
-                            }
-                        }
+                }
+                for (c, at) in here.enumerate() {
+                    if strands[at] != NO_STRAND {
+                        let scale = 2.0 / (count[c] + SHRINKAGE);
+                        let (of_re, of_im) = times((re[c], im[c]), powers[at]);
+                        pattern.re[of_harmonic.start + at] = scale * of_re;
+                        pattern.im[of_harmonic.start + at] = scale * of_im;
                     }
-                    let scale = 2.0 / (count + SHRINKAGE);
-                    let (s, co) = (order * psi).sin_cos();
-                    pattern.re[h * PHASE_BINS * width + at] = scale * (re * co - im * s);
-                    pattern.im[h * PHASE_BINS * width + at] = scale * (re * s + im * co);
                 }
             }
         }
