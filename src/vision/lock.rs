@@ -20,7 +20,7 @@ use super::wire_tracking::{StripeShift, WirePrediction};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// Rounds of registration and template learning; each sharpens the template for the next.
+/// Rounds of learning the wires' pattern, registration and template learning; each sharpens what the next one measures with.
 const ROUNDS: usize = 2;
 
 /// What a lock knows.
@@ -55,10 +55,8 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
             measure_all(spec, &mut views, gathered, &|_| unknown.clone());
             first_templates(spec, &mut views, gathered);
         }
-        for _ in 0..ROUNDS {
-            measure_all(spec, &mut views, gathered, &|_| unknown.clone());
-            first_templates(spec, &mut views, gathered);
-        }
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        first_templates(spec, &mut views, gathered);
         measure_all(spec, &mut views, gathered, &|_| unknown.clone());
         lock_wires(spec, &mut views, gathered);
         // With the wires known, their pattern is learnt and taken out, and everything is measured again.
