@@ -197,12 +197,28 @@ pub fn search_rate(wires: usize, passes: &[&[(f64, Stripe)]], rates: (f64, f64))
     Some((rate, power(rate)))
 }
 
+/// Steps of the golden section: the interval shrinks to a thousandth, and what is found is a start for tracking.
+const GOLDEN_STEPS: usize = 15;
+
 /// Golden section for the peak of a function that has one between `low` and `high`.
 fn peak(of: &impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
-    for _ in 0..28 {
-        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
-        if of(a) > of(b) { high = b } else { low = a }
+    let near = |low: f64, high: f64| (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+    let (mut a, mut b) = near(low, high);
+    let (mut of_a, mut of_b) = (of(a), of(b));
+    for _ in 0..GOLDEN_STEPS {
+        // One of the two places inside stays one of the next two.
+        if of_a > of_b {
+            high = b;
+            (b, of_b) = (a, of_a);
+            a = near(low, high).0;
+            of_a = of(a);
+        } else {
+            low = a;
+            (a, of_a) = (b, of_b);
+            b = near(low, high).1;
+            of_b = of(b);
+        }
     }
     (low + high) / 2.0
 }
