@@ -102,7 +102,7 @@ impl<'a> Detection<'a> {
                 let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) else {
                     return if maps { white(sensor_px, stretch.lines) } else { GrayImage::default() };
                 };
-                let looker = Looker::new(seen, scores, gray(v));
+                let mut looker = Looker::new(seen, scores, gray(v));
                 builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
                     looker.look(block, threshold)
                 });
@@ -112,7 +112,7 @@ impl<'a> Detection<'a> {
         if let Some((level, builders)) = &mut self.again {
             for (v, builder) in builders.iter_mut().enumerate() {
                 if let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) {
-                    let looker = Looker::new(seen, scores, gray(v));
+                    let mut looker = Looker::new(seen, scores, gray(v));
                     builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
                         looker.look(block, *level)
                     });

@@ -6,8 +6,7 @@ use crate::vision::inspection_model::AlignedView;
 use crate::vision::kind::{Grays, Signs};
 use crate::vision::model_contour::ModelContour;
 use crate::vision::scoring::StretchScores;
-use crate::vision::surface_map::PLACES_PER_WIRE;
-use std::cell::OnceCell;
+use crate::vision::surface_map::{PLACES_PER_WIRE, SurfaceMap};
 
 /// Rope to either side over which the edge's usual distance from the outline is taken, in mm: farther than a wire stands out.
 const OUTLINE_MM: f64 = 60.0;
@@ -22,23 +21,30 @@ pub(super) struct Looker<'a> {
     scores: &'a StretchScores,
     gray: Option<&'a Appearance>,
     /// Made for the first alarm: most stretches have none.
-    tools: OnceCell<(GrayScale, ModelContour)>,
+    tools: Option<Tools<'a>>,
+}
+
+/// What looking takes.
+struct Tools<'a> {
+    scale: GrayScale,
+    contour: ModelContour,
+    map: SurfaceMap<'a>,
 }
 
 impl<'a> Looker<'a> {
     /// For a view; `gray` is the first factor of its model.
     pub fn new(seen: AlignedView<'a>, scores: &'a StretchScores, gray: Option<&'a Appearance>) -> Self {
-        Self { seen, scores, gray, tools: OnceCell::new() }
+        Self { seen, scores, gray, tools: None }
     }
 
     /// What a block over the threshold shows at its middle line.
-    pub fn look(&self, block: usize, threshold: f64) -> Option<Look> {
-        let (seen, scores, gray) = (&self.seen, self.scores, self.gray?);
+    pub fn look(&mut self, block: usize, threshold: f64) -> Option<Look> {
+        let (seen, scores, gray) = (self.seen, self.scores, self.gray?);
         let camera = seen.camera;
-        let (scale, contour) = self.tools.get_or_init(|| {
+        let Tools { scale, contour, map } = self.tools.get_or_insert_with(|| {
             let half_width_px = camera.px_per_mm * seen.rope.diameter_mm() / 2.0;
             let scale = GrayScale::new(&seen.view.image, &seen.view.axis_px, half_width_px);
-            (scale, ModelContour::new(seen.rope, camera))
+            Tools { scale, contour: ModelContour::new(seen.rope, camera), map: seen.surface_map() }
         });
         let line = (block * scores.block_lines + scores.block_lines / 2).min(seen.view.image.lines() - 1);
         let past = line.saturating_sub((GRAIN_MM / seen.pitch_mm).round().max(1.0) as usize);
@@ -55,7 +61,7 @@ impl<'a> Looker<'a> {
         let mut columns: Option<(usize, usize)> = None;
         let mut over_places = vec![false; scores.places];
         let (mut wire, mut beside, mut over, mut peak_columns) = (Grays::default(), Grays::default(), 0.0, (0.0, 0.0));
-        seen.surface_map().for_each(line, seen.view.axis_px[line], |point| {
+        map.for_each(line, seen.view.axis_px[line], |point| {
             let at = |row: &[u8], bins: &[f32; 256]| bins[usize::from(row[point.column])];
             let here = at(row, bins);
             let deviation = f64::from(here - gray.expected(point.cell));
@@ -89,40 +95,39 @@ impl<'a> Looker<'a> {
                 area_mm2: length_mm * over / camera.px_per_mm,
                 wire,
                 beside,
-                beyond_outline_mm: self.beyond_outline_mm(contour, line),
+                beyond_outline_mm: beyond_outline_mm(&seen, contour, line),
                 direction: angle_rad.map_or((0.0, 0.0), f64::sin_cos),
             },
         })
     }
+}
 
-    /// How far the rope's edge is outside the model's outline, beyond what it usually is about there; 0 where it is not seen.
-    fn beyond_outline_mm(&self, contour: &ModelContour, line: usize) -> f64 {
-        let reach = (OUTLINE_MM / self.seen.pitch_mm) as usize;
-        let lines = line.saturating_sub(reach)..(line + reach + 1).min(self.seen.view.image.lines());
-        let beyond = |edge: fn((f64, f64)) -> f64| {
-            let here = edge(self.outside_px(contour, line));
-            let mut about: Vec<f64> =
-                lines.clone().step_by(OUTLINE_EVERY).map(|k| edge(self.outside_px(contour, k))).collect();
-            about.retain(|px| px.is_finite());
-            about.sort_by(f64::total_cmp);
-            about.get(about.len() / 2).map_or(0.0, |usual| here - usual)
-        };
-        let px = [beyond(|e| e.0), beyond(|e| e.1)].into_iter().filter(|px| px.is_finite()).fold(0.0, f64::max);
-        px / self.seen.camera.px_per_mm
-    }
+/// How far the rope's edge is outside the model's outline, beyond what it usually is about there; 0 where it is not seen.
+fn beyond_outline_mm(seen: &AlignedView<'_>, contour: &ModelContour, line: usize) -> f64 {
+    let reach = (OUTLINE_MM / seen.pitch_mm) as usize;
+    let lines = line.saturating_sub(reach)..(line + reach + 1).min(seen.view.image.lines());
+    let beyond = |edge: fn((f64, f64)) -> f64| {
+        let here = edge(outside_px(seen, contour, line));
+        let mut about: Vec<f64> =
+            lines.clone().step_by(OUTLINE_EVERY).map(|k| edge(outside_px(seen, contour, k))).collect();
+        about.retain(|px| px.is_finite());
+        about.sort_by(f64::total_cmp);
+        about.get(about.len() / 2).map_or(0.0, |usual| here - usual)
+    };
+    let px = [beyond(|e| e.0), beyond(|e| e.1)].into_iter().filter(|px| px.is_finite()).fold(0.0, f64::max);
+    px / seen.camera.px_per_mm
+}
 
-    /// How far the lower and the upper edge are outside the outline of the model; NaN where they were not seen.
-    fn outside_px(&self, contour: &ModelContour, line: usize) -> (f64, f64) {
-        let seen = &self.seen;
-        let knots = &seen.estimates.strand_phases_rad;
-        let knot = (line / seen.estimates.knot_lines.max(1)) * seen.rope.strands();
-        let phase = knots.get(knot).map_or(f64::NAN, |phase| phase - seen.camera.angle_rad);
-        let edge = |edges: &[f32]| edges.get(line).map_or(f64::NAN, |&e| f64::from(e - seen.view.axis_px[line]));
-        if !phase.is_finite() {
-            return (f64::NAN, f64::NAN);
-        }
-        let (lower, upper) = (edge(&seen.view.contours.lower_px), edge(&seen.view.contours.upper_px));
-        let (model_lower, model_upper) = contour.edges_px(phase);
-        (model_lower - lower, upper - model_upper)
+/// How far the lower and the upper edge are outside the outline of the model; NaN where they were not seen.
+fn outside_px(seen: &AlignedView<'_>, contour: &ModelContour, line: usize) -> (f64, f64) {
+    let knots = &seen.estimates.strand_phases_rad;
+    let knot = (line / seen.estimates.knot_lines.max(1)) * seen.rope.strands();
+    let phase = knots.get(knot).map_or(f64::NAN, |phase| phase - seen.camera.angle_rad);
+    let edge = |edges: &[f32]| edges.get(line).map_or(f64::NAN, |&e| f64::from(e - seen.view.axis_px[line]));
+    if !phase.is_finite() {
+        return (f64::NAN, f64::NAN);
     }
+    let (lower, upper) = (edge(&seen.view.contours.lower_px), edge(&seen.view.contours.upper_px));
+    let (model_lower, model_upper) = contour.edges_px(phase);
+    (model_lower - lower, upper - model_upper)
 }

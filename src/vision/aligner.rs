@@ -15,6 +15,7 @@ use super::lock::{Lock, lock};
 use super::measuring::{learn_template, measure, measure_wires, read_wires};
 use super::outline_detail::DetailSums;
 use super::rope::Rope;
+use super::shared_axis::SharedAxis;
 use super::strand_alignment::StrandAlignment;
 use super::stretch::{Reference, StrandKnots, ViewModel, ViewStretch};
 use super::template::TemplateSums;
@@ -144,6 +145,7 @@ pub(super) struct Views {
     pub detail_sums: Vec<DetailSums>,
     pub shifts: Vec<StripeShift>,
     pub wire_noise_scale: f64,
+    pub shared_axis: SharedAxis,
     pub table: StripeTable,
     pub diameter_mm: f64,
 }

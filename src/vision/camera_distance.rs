@@ -124,8 +124,8 @@ mod tests {
             for k in 0..8000 {
                 let noise = ((k * 7919 % 101) as f64 / 50.0 - 1.0, (k * 104_729 % 101) as f64 / 50.0 - 1.0);
                 let sway = 5.0 * (k as f64 / 500.0).sin();
-                contours.lower_px.push((240.0 + sway + model.lower_px(phase(k)) + noise.0) as f32);
-                contours.upper_px.push((240.0 + sway + model.upper_px(phase(k)) + noise.1) as f32);
+                contours.lower_px.push((240.0 + sway + model.edge_px(1, phase(k)) + noise.0) as f32);
+                contours.upper_px.push((240.0 + sway + model.edge_px(0, phase(k)) + noise.1) as f32);
             }
             let mut harmonics = ContourHarmonics::default();
             harmonics.add(6, &contours, 229, phase);

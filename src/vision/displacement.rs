@@ -16,13 +16,22 @@ const PERIODS: (usize, usize) = (4, 2);
 /// Difference between both that strands which lie higher or lower than others make, as a share of the rope's width.
 const UNEVEN: f64 = 0.0007;
 
-/// Column of the axis at every line, robustly smoothed; NaN only if no line shows the rope.
+/// Where the axis of a rope runs in one view.
+#[derive(Debug, Clone, Default)]
+pub struct AxisCourse {
+    /// Its column at every line; NaN only if no line shows the rope.
+    pub px: Vec<f32>,
+    /// Scatter of single lines about it, rms.
+    pub roughness_px: f64,
+}
+
+/// Column of the axis at every line, robustly smoothed.
 ///
 /// The paper corrects every line by its own contours; a single wire end then shifts its whole line, and a strand that lies higher
 /// than the others every line that it stands out in. Ropes do not jump: over a few strands' pitches their sideways movement is
 /// smooth, so a parabola is fitted about every line, with outliers left out. `period_lines` is from strand to strand.
 /// `model(line)` gives the model contours (lower, upper) at a line, counted from the axis.
-pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), period_lines: usize) -> Vec<f32> {
+pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), period_lines: usize) -> AxisCourse {
     let n = contours.len();
     let mut raw = vec![f32::NAN; n];
     let mut width_px = 0.0f64;
@@ -57,7 +66,13 @@ pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), 
     let mut course = local_parabolas(&kept, PERIODS.0 * half);
     sway(&mut course, &local_parabolas(&kept, PERIODS.1 * half), PERIODS.0 * half, UNEVEN * width_px);
     fill_gaps(&mut course);
-    course
+    AxisCourse { roughness_px: scatter_px(&kept, &course), px: course }
+}
+
+fn scatter_px(values: &[f32], course: &[f32]) -> f64 {
+    let off = values.iter().zip(course).map(|(value, course)| f64::from(value - course)).filter(|off| off.is_finite());
+    let (squares, count) = off.fold((0.0, 0.0), |(squares, count), off| (squares + off * off, count + 1.0));
+    (squares / f64::max(count, 1.0)).sqrt()
 }
 
 /// Every how many places a parabola is fitted; between them the course is straight. Windows are a hundred lines long and more.
@@ -161,7 +176,8 @@ mod tests {
         contours.upper_px[300..320].fill(450.0);
         contours.lower_px[100..130].fill(f32::NAN);
         let course = axis_course_px(&contours, |_| (-180.0, 180.0), 120);
-        for (k, axis) in course.iter().enumerate() {
+        assert!(course.roughness_px < 0.01);
+        for (k, axis) in course.px.iter().enumerate() {
             assert!((axis - (240.0 + 0.01 * k as f32)).abs() < 0.1, "line {k}: {axis}");
         }
     }

@@ -45,14 +45,14 @@ pub struct AlignedView<'a> {
     pub pitch_mm: f64,
 }
 
-impl AlignedView<'_> {
+impl<'a> AlignedView<'a> {
     /// First pass: adds the gray values to the histogram of eq. 18.
     pub fn learn_gray(&self, histogram: &mut Histogram) {
         evidence::learn(self.rope, self.camera, self.estimates, self.view, self.block_lines, histogram);
     }
 
     /// Maps its lines to the surface of the rope.
-    pub fn surface_map(&self) -> SurfaceMap<'_> {
+    pub fn surface_map(&self) -> SurfaceMap<'a> {
         SurfaceMap::new(self.rope, self.camera, self.estimates, self.view.image.width())
     }
 

@@ -9,6 +9,7 @@ use super::measuring::measure;
 use super::model_contour::ModelContour;
 use super::outline_detail::DetailSums;
 use super::self_likeness::likest;
+use super::shared_axis::SharedAxis;
 use super::smoothing::Measurement;
 use super::stretch::{Reference, ViewModel};
 use super::surface::Outlines;
@@ -91,6 +92,7 @@ fn first_views(spec: &AlignerSpec, gathered: &[Measured]) -> Views {
         detail_sums: vec![DetailSums::default(); models.len()],
         models,
         wire_noise_scale: 1.0,
+        shared_axis: SharedAxis::default(),
         table: StripeTable::new(spec.rope.wires()),
         diameter_mm: spec.rope.diameter_mm(),
     }

@@ -1,9 +1,11 @@
 //! Measures strands and wires of a stretch knot by knot, and learns from it how the rope looks.
 
 use super::aligner::{AlignerSpec, LEAST_FOUND, Measured, Views};
+use super::camera::Camera;
 use super::courses::{StrandCourses, strand_courses, with};
 use super::outline_detail::OutlineDetail;
-use super::stretch::{Reference, axis_corrections_px, register_views, strand_knots};
+use super::smoothing::Course;
+use super::stretch::{Reference, ViewStretch, register_views, strand_knots};
 use super::unwrapping::{LINE_STRIDE, Stripes, read_stripes};
 use super::wire_lock::{LEAST_COHERENCE, search_wires};
 use super::wire_pattern::WirePattern;
@@ -35,46 +37,39 @@ pub(super) fn measure(
             view.set_axis(model, rope, &reference);
         }
     });
+    join_axes(views, seen);
     let knots = reference.knots();
     for _ in 0..2 {
         let sums = register_views(rope, &views.models, &seen.views, &reference);
         if sums.iter().all(Vec::is_empty) {
             break;
         }
-        let mut corrections = vec![vec![0.0; knots]; seen.views.len()];
-        let mut phases = vec![0.0; knots * n];
-        for _ in 0..3 {
-            seen.strands = strand_knots(rope, &views.models, &sums, &reference, &corrections);
-            let courses = strand_courses(spec, &with(before, seen), None, fit.rate_rad_per_mm);
-            for k in 0..knots {
-                for j in 0..n {
-                    let straight =
-                        reference.mean_phase_rad(reference.knot_middle(k)) + j as f64 * rope.strand_step_rad();
-                    phases[k * n + j] = match &courses[j] {
-                        Some(course) => course.phase_rad(course.len() - knots + k),
-                        None => straight,
-                    };
-                }
-            }
-            corrections = axis_corrections_px(rope, &sums, &reference, &phases);
-        }
+        seen.strands = strand_knots(rope, &views.models, &sums, &reference);
+        let courses = strand_courses(spec, &with(before, seen), None, fit.rate_rad_per_mm);
         for k in 0..knots {
             let mean = reference.mean_phase_rad(reference.knot_middle(k));
             for j in 0..n {
-                let deviation = phases[k * n + j] - mean - j as f64 * rope.strand_step_rad();
+                let phase = |course: &Course| course.phase_rad(course.len() - knots + k);
+                let straight = mean + j as f64 * rope.strand_step_rad();
+                let deviation = courses[j].as_ref().map_or(0.0, |course| phase(course) - straight);
                 reference.deviation_rad[k * n + j] = deviation.clamp(-0.12, 0.12);
             }
         }
-        for (view, correction) in seen.views.iter_mut().zip(&corrections) {
-            for (line, axis) in view.axis_px.iter_mut().enumerate() {
-                *axis += correction[(line / spec.knot_lines).min(knots - 1)] as f32;
-            }
-        }
     }
-    // What is measured from here on is relative to the corrected axis.
     let sums = register_views(rope, &views.models, &seen.views, &reference);
-    seen.strands = strand_knots(rope, &views.models, &sums, &reference, &vec![vec![0.0; knots]; seen.views.len()]);
+    seen.strands = strand_knots(rope, &views.models, &sums, &reference);
     seen.reference = Some(reference);
+}
+
+/// Lets the axes of all views follow one rope, if every view shows it.
+fn join_axes(views: &mut Views, seen: &mut Measured) {
+    if seen.views.iter().all(ViewStretch::usable) {
+        let cameras: Vec<Camera> = views.models.iter().map(|model| model.camera).collect();
+        let roughness_px: Vec<f64> = seen.views.iter().map(|view| view.axis_roughness_px).collect();
+        let width_px = views.models.iter().map(|model| model.contour.mean_width_px()).fold(0.0, f64::max);
+        let mut axes_px: Vec<&mut [f32]> = seen.views.iter_mut().map(|view| &mut view.axis_px[..]).collect();
+        views.shared_axis.join(&cameras, &roughness_px, width_px, &mut axes_px);
+    }
 }
 
 /// Reads the wires' stripes of a stretch whose strands were measured.

@@ -48,6 +48,7 @@
 //! The strands:
 //! - [`contour`]: edges of the rope in the image
 //! - [`displacement`]: sideways movement from line to line (eq. 9-12)
+//! - [`shared_axis`]: what all views see of that movement
 //! - [`strand_alignment`]: phase and lay of all strands from the contours (eq. 13)
 //! - [`camera_distance`]: d from the shift between both contours
 //! - [`template`]: mean look of the strands
@@ -104,6 +105,7 @@ pub mod residuals;
 pub mod rope;
 pub mod scoring;
 mod self_likeness;
+pub mod shared_axis;
 pub mod simplex;
 pub mod smoothing;
 pub mod strand;

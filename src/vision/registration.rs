@@ -1,4 +1,4 @@
-//! Measures each strand's own phase, and the rope's sideways position, by registering the image with the learnt template.
+//! Measures each strand's own phase by registering the image with the learnt template, and the outline with the model's.
 //!
 //! Real ropes are not rigid: strands drift by a degree or two (the paper names this as its main inaccuracy). Each knot, a few
 //! millimetres of rope, gets one Gauss-Newton step per strand from the linearised difference of image and [`Template`]; the
@@ -26,8 +26,6 @@ const FARTHEST_RAD: f64 = 1.35;
 pub struct KnotSums {
     /// Per strand: sum of (dT/dphase)^2.
     pub phase_phase: [f64; 8],
-    /// Per strand: sum of dT/dphase * dT/dcolumn.
-    pub phase_axis: [f64; 8],
     /// Per strand: sum of dT/dphase * difference.
     pub phase_difference: [f64; 8],
     /// Per strand: sum of (dP/dw)^2, P the wires' pattern and w their phase.
@@ -36,10 +34,6 @@ pub struct KnotSums {
     pub phase_wire: [f64; 8],
     /// Per strand: sum of dP/dw * difference.
     pub wire_difference: [f64; 8],
-    /// Sum of (dT/dcolumn)^2.
-    pub axis_axis: f64,
-    /// Sum of dT/dcolumn * difference.
-    pub axis_difference: f64,
     /// Sum of difference^2.
     pub squares: f64,
     /// Number of pixels.
@@ -88,7 +82,7 @@ pub fn register(
         let in_bin =
             ((steps - steps.round() + 0.5) - (bin.row as f64 + 0.5) / super::template::PHASE_BINS as f64) * step;
         let sums = &mut knots[k / knot_lines];
-        let (expected, per_rad, per_px) = (template.mean(bin.row), template.per_rad(bin.row), template.per_px(bin.row));
+        let (expected, per_rad) = (template.mean(bin.row), template.per_rad(bin.row));
         for span in template.spans(bin.row) {
             if span.phase_in_view_rad.abs() > FARTHEST_RAD {
                 continue;
@@ -101,23 +95,13 @@ pub fn register(
             } else {
                 per_wire_rad[from..to].fill(0.0);
             }
-            let acc = products(
-                &line[from..to],
-                &expected[from..to],
-                &per_rad[from..to],
-                &per_px[from..to],
-                &per_wire_rad[from..to],
-                own,
-            );
+            let acc = products(&line[from..to], &expected[from..to], &per_rad[from..to], &per_wire_rad[from..to], own);
             sums.phase_phase[j] += f64::from(acc[0]);
-            sums.phase_axis[j] += f64::from(acc[1]);
-            sums.phase_difference[j] += f64::from(acc[2]);
-            sums.axis_axis += f64::from(acc[3]);
-            sums.axis_difference += f64::from(acc[4]);
-            sums.squares += f64::from(acc[5]);
-            sums.wire_wire[j] += f64::from(acc[6]);
-            sums.phase_wire[j] += f64::from(acc[7]);
-            sums.wire_difference[j] += f64::from(acc[8]);
+            sums.phase_difference[j] += f64::from(acc[1]);
+            sums.squares += f64::from(acc[2]);
+            sums.wire_wire[j] += f64::from(acc[3]);
+            sums.phase_wire[j] += f64::from(acc[4]);
+            sums.wire_difference[j] += f64::from(acc[5]);
             sums.pixels += (to - from) as f64;
         }
     }
@@ -127,24 +111,15 @@ pub fn register(
 /// Sums that run side by side, so that the processor adds them in one go.
 const LANES: usize = 4;
 
-/// Sums over the pixels of a strand, of products of the derivatives g (per rad), h (per px of the axis), p (per rad of the
-/// wires) and the difference r: gg, gh, gr, hh, hr, rr, pp, pg, pr.
-fn products(
-    line: &[f32],
-    expected: &[f32],
-    per_rad: &[f32],
-    per_px: &[f32],
-    per_wire: &[f32],
-    own_rad: f32,
-) -> [f32; 9] {
-    let mut lanes = [[0.0f32; LANES]; 9];
-    let mut add = |lane: usize, gray: f32, mean: f32, g: f32, dx: f32, p: f32| {
-        // The picture moves against the axis: dT/daxis = -dT/dcolumn.
-        let h = -dx;
+/// Sums over the pixels of a strand, of products of the derivatives g (per rad), p (per rad of the wires) and the difference r:
+/// gg, gr, rr, pp, pg, pr.
+fn products(line: &[f32], expected: &[f32], per_rad: &[f32], per_wire: &[f32], own_rad: f32) -> [f32; 6] {
+    let mut lanes = [[0.0f32; LANES]; 6];
+    let mut add = |lane: usize, gray: f32, mean: f32, g: f32, p: f32| {
         let difference = gray - mean - own_rad * g;
         let cut = if difference > -CUT { difference } else { -CUT };
         let r = if cut < CUT { cut } else { CUT };
-        for (sums, product) in lanes.iter_mut().zip([g * g, g * h, g * r, h * h, h * r, r * r, p * p, p * g, p * r]) {
+        for (sums, product) in lanes.iter_mut().zip([g * g, g * r, r * r, p * p, p * g, p * r]) {
             sums[lane] += product;
         }
     };
@@ -152,13 +127,13 @@ fn products(
     for k in (0..whole).step_by(LANES) {
         let at = k..k + LANES;
         let (line, expected) = (&line[at.clone()], &expected[at.clone()]);
-        let (per_rad, per_px, per_wire) = (&per_rad[at.clone()], &per_px[at.clone()], &per_wire[at]);
+        let (per_rad, per_wire) = (&per_rad[at.clone()], &per_wire[at]);
         for lane in 0..LANES {
-            add(lane, line[lane], expected[lane], per_rad[lane], per_px[lane], per_wire[lane]);
+            add(lane, line[lane], expected[lane], per_rad[lane], per_wire[lane]);
         }
     }
     for k in whole..line.len() {
-        add(0, line[k], expected[k], per_rad[k], per_px[k], per_wire[k]);
+        add(0, line[k], expected[k], per_rad[k], per_wire[k]);
     }
     lanes.map(|sums| sums.iter().sum())
 }

@@ -202,8 +202,8 @@ mod tests {
             let p = phase + rate * (k as f64 - 999.5) * 0.1;
             let sway = 6.0 * (k as f64 / 300.0).sin();
             let noise = ((k * 7919 % 101) as f64 / 50.0 - 1.0, (k * 104_729 % 101) as f64 / 50.0 - 1.0);
-            contours.lower_px.push((240.0 + sway + model.lower_px(p) + noise.0) as f32);
-            contours.upper_px.push((240.0 + sway + model.upper_px(p) + noise.1) as f32);
+            contours.lower_px.push((240.0 + sway + model.edge_px(1, p) + noise.0) as f32);
+            contours.upper_px.push((240.0 + sway + model.edge_px(0, p) + noise.1) as f32);
         }
         let views = [ContourView { contours: &contours, model: &model, angle_rad: 0.0 }];
         let found = search(&views, 0.1, (110.0, 165.0)).unwrap();

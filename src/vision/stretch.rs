@@ -23,8 +23,6 @@ const PIXELS_PER_INDEPENDENT: f64 = 250.0;
 /// place in step with the strands: what is left of them in the template moves with it, which residuals cannot show. So
 /// the contours must lead.
 const PIXELS_PER_INDEPENDENT_LANG: f64 = 750.0;
-/// Prior standard deviation of the axis' correction by the image, in px: contours leave about this much.
-const AXIS_PRIOR_PX: f64 = 0.001;
 
 /// One view of a stretch.
 #[derive(Debug, Clone, Default)]
@@ -37,6 +35,8 @@ pub struct ViewStretch {
     pub outline: Contours,
     /// Contours of the lines before and after the stretch, as far as they are known: the axis goes on there.
     pub beyond: [Contours; 2],
+    /// Scatter of the contours of single lines about the axis.
+    pub axis_roughness_px: f64,
     /// Column of the rope axis at every line.
     pub axis_px: Vec<f32>,
 }
@@ -207,7 +207,8 @@ impl ViewStretch {
             },
             period_lines,
         );
-        self.axis_px = course[before.len()..before.len() + self.outline.len()].to_vec();
+        self.axis_px = course.px[before.len()..before.len() + self.outline.len()].to_vec();
+        self.axis_roughness_px = course.roughness_px;
     }
 
     /// True if the view shows the rope here.
@@ -247,14 +248,8 @@ pub fn register_views(
         .collect()
 }
 
-/// Turns normal equations into measured phases, given the axis' correction per knot (`axis_correction_px[view][knot]`).
-pub fn strand_knots(
-    rope: &Rope,
-    models: &[ViewModel],
-    sums: &[Vec<KnotSums>],
-    reference: &Reference,
-    axis_correction_px: &[Vec<f64>],
-) -> StrandKnots {
+/// Turns normal equations into measured phases.
+pub fn strand_knots(rope: &Rope, models: &[ViewModel], sums: &[Vec<KnotSums>], reference: &Reference) -> StrandKnots {
     let n = rope.strands();
     let views = sums
         .iter()
@@ -273,10 +268,7 @@ pub fn strand_knots(
                     if information <= 0.0 {
                         continue;
                     }
-                    let image = (knot.phase_difference[j]
-                        - knot.phase_wire[j] * wire.error_rad
-                        - knot.phase_axis[j] * axis_correction_px[v][k])
-                        / variance;
+                    let image = (knot.phase_difference[j] - knot.phase_wire[j] * wire.error_rad) / variance;
                     let step = (image + knot.contour_phase_difference[j] / contour_variance) / information;
                     let base = mean + j as f64 * rope.strand_step_rad() + reference.deviation_rad[k * n + j];
                     // One Gauss-Newton step is only good for small corrections; larger ones come over the rounds.
@@ -326,47 +318,6 @@ fn contour_variance_px2(knots: &[KnotSums]) -> f64 {
     });
     let share = (products / f64::max(squares, 1e-9)).clamp(0.0, 0.95);
     (squares / f64::max(count, 1.0)).max(0.01) * (1.0 + share) / (1.0 - share)
-}
-
-/// Correction of the axis per view and knot that the image asks for, given the strands' phases (`phases_rad[knot * strands + j]`),
-/// averaged over neighbouring knots.
-pub fn axis_corrections_px(
-    rope: &Rope,
-    sums: &[Vec<KnotSums>],
-    reference: &Reference,
-    phases_rad: &[f64],
-) -> Vec<Vec<f64>> {
-    let n = rope.strands();
-    sums.iter()
-        .map(|knots| {
-            let raw: Vec<(f64, f64)> = (0..reference.knots())
-                .map(|k| match knots.get(k) {
-                    Some(knot) if knot.axis_axis > 0.0 => {
-                        let mean = reference.mean_phase_rad(reference.knot_middle(k));
-                        let explained: f64 = (0..n)
-                            .map(|j| {
-                                let base =
-                                    mean + j as f64 * rope.strand_step_rad() + reference.deviation_rad[k * n + j];
-                                knot.phase_axis[j] * (phases_rad[k * n + j] - base)
-                            })
-                            .sum();
-                        (knot.axis_difference - explained, knot.axis_axis)
-                    }
-                    _ => (0.0, 0.0),
-                })
-                .collect();
-            let typical = raw.iter().map(|r| r.1).sum::<f64>() / raw.len().max(1) as f64;
-            (0..raw.len())
-                .map(|k| {
-                    let near = &raw[k.saturating_sub(5)..(k + 6).min(raw.len())];
-                    let (b, a) = near.iter().fold((0.0, 0.0), |(b, a), r| (b + r.0, a + r.1));
-                    // The prior weighs as much as one knot at the prior deviation.
-                    let prior = typical * 0.1 / (AXIS_PRIOR_PX * AXIS_PRIOR_PX);
-                    if a > 0.0 { b / (a + prior) } else { 0.0 }
-                })
-                .collect()
-        })
-        .collect()
 }
 
 /// Joins the views: information adds up.

@@ -72,7 +72,7 @@ fn align(drawn: &Drawn) -> (Vec<AlignedStretch>, Camera, usize) {
             let edge = |model_px: f64, rng: &mut ChaCha8Rng| {
                 (axis_px(line) + model_px) as f32 + CONTOUR_NOISE_PX * normal(rng)
             };
-            (edge(contour.lower_px(phase), &mut rng), edge(contour.upper_px(phase), &mut rng))
+            (edge(contour.edge_px(1, phase), &mut rng), edge(contour.edge_px(0, phase), &mut rng))
         });
         let (lower_px, upper_px) = edges.unzip();
         let given_contours = Some(vec![Contours { lower_px, upper_px }]);
