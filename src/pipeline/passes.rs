@@ -43,14 +43,10 @@ impl<'a> Used<'a> {
         aligner_spec(self.range.acquisition).stretch_lines(STRETCH_LINES)
     }
 
-    /// Rope metre of its first line.
-    pub fn from_m(&self) -> f64 {
-        self.range.acquisition.position_m(self.lines.start)
-    }
-
-    /// Rope metre of its end.
-    pub fn to_m(&self) -> f64 {
-        self.range.acquisition.position_m(self.lines.end)
+    /// Rope metres of its first line and of its end.
+    pub fn range_m(&self) -> (f64, f64) {
+        let acquisition = self.range.acquisition;
+        (acquisition.position_m(self.lines.start), acquisition.position_m(self.lines.end))
     }
 
     fn metres(&self) -> f64 {
@@ -59,7 +55,8 @@ impl<'a> Used<'a> {
 
     /// What it gave, if so many metres were learnt from.
     pub fn gave(&self, learnt_view_m: f64) -> LearntFrom {
-        LearntFrom { acquisition: self.range.name.to_owned(), from_m: self.from_m(), to_m: self.to_m(), learnt_view_m }
+        let (from_m, to_m) = self.range_m();
+        LearntFrom { acquisition: self.range.name.to_owned(), from_m, to_m, learnt_view_m }
     }
 }
 

@@ -152,8 +152,8 @@ pub fn train(
     }
     let report = TrainReport {
         construction: acquisition.construction(),
-        from_m: used.iter().map(Used::from_m).fold(f64::INFINITY, f64::min),
-        to_m: used.iter().map(Used::to_m).fold(f64::NEG_INFINITY, f64::max),
+        from_m: used.iter().map(|used| used.range_m().0).fold(f64::INFINITY, f64::min),
+        to_m: used.iter().map(|used| used.range_m().1).fold(f64::NEG_INFINITY, f64::max),
         learnt_from,
         learnt_view_m,
         threshold: budget.alarm.line_score,
