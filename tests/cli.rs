@@ -144,6 +144,48 @@ fn values_out_of_range_are_named_with_their_limits() {
 }
 
 #[test]
+fn several_ranges_teach_one_model_and_bounds_that_fit_no_folder_are_refused() {
+    let folder = trained().0.path();
+    let other = copy();
+    edit(other.path(), |rope| rope["wires_per_strand"] = json!(8));
+    let other = other.path().join("rope");
+    let other = other.to_str().unwrap();
+    let train = |arguments: &[&str]| ropescope(folder, &[&["train", "--out", "two.model"], arguments].concat());
+    for (arguments, code, words) in [
+        (
+            &["rope", "rope", "--to-m", "101"][..],
+            2,
+            "--to-m is given once, but there are 2 folders: give it once for each",
+        ),
+        (&["rope", "--from-m", "101", "--from-m", "start"], 2, "--from-m is given 2 times, but there is 1 folder"),
+        (&["rope", "--to-m", "start"], 2, "neither a rope metre nor the word \"end\""),
+        (&["rope", other], 1, "a number of wires per strand of 8, but the first one has 9"),
+        (&["rope", "./rope", "--to-m", "101", "--to-m", "end"], 1, "rope is named twice, with ranges that overlap"),
+        (
+            &["rope", "rope", "--from-m", "101", "--from-m", "3"],
+            1,
+            "rope: --from-m is 3, but the acquisition shows rope metres",
+        ),
+    ] {
+        let ran = train(arguments);
+        let said = text(&ran.stderr);
+        assert!(ran.status.code() == Some(code) && said.contains(words), "{said}");
+        assert!(!folder.join("two.model").exists());
+    }
+    let bounds = ["rope", "rope", "--from-m", "start", "--to-m", "100.8", "--from-m", "100.8", "--to-m", "end"];
+    let ran = train(&[&bounds[..], &["--json"]].concat());
+    assert!(ran.status.success(), "{}", text(&ran.stderr));
+    let said: Value = serde_json::from_slice(&ran.stdout).unwrap();
+    let gave = said["report"]["learnt_from"].as_array().unwrap();
+    let ranges: Vec<_> = gave.iter().map(|r| (&r["acquisition"], r["from_m"].as_f64(), r["to_m"].as_f64())).collect();
+    let rope = json!("rope");
+    assert_eq!(ranges, [(&rope, Some(100.0), Some(100.8)), (&rope, Some(100.8), Some(101.6))]);
+    let progress = text(&ran.stderr).lines().map(|line| serde_json::from_str(line).unwrap()).collect::<Vec<Value>>();
+    assert!(progress.iter().all(|p| p["total_m"].as_f64().is_some_and(|m| (m - 1.6).abs() < 1e-9)), "{progress:?}");
+    std::fs::remove_file(folder.join("two.model")).unwrap();
+}
+
+#[test]
 fn a_truncated_frame_is_named() {
     let copy = copy();
     let path = copy.path().join("rope/view0/frame_000001.png");

@@ -19,6 +19,7 @@ mod simulate;
 mod time_left;
 mod token;
 mod train;
+mod train_ranges;
 mod upload;
 mod upload_progress;
 mod verify_receipt;

@@ -1,11 +1,13 @@
 //! `ropescope train`.
 
-use super::recording::Recording;
 use super::run_progress::{Watcher, say};
+use super::train_ranges::{Bound, TrainFolder, from_m, to_m, wrong_count};
 use anyhow::{Context, bail, ensure};
+use clap::Args;
+use clap::error::ErrorKind;
 use ropescope::pipeline::learning_curve::sentence;
 use ropescope::pipeline::train::{PASSES, is_model};
-use ropescope::pipeline::{Budget, TrainOptions, TrainReport, train};
+use ropescope::pipeline::{Budget, TrainReport, train};
 use serde_json::json;
 use std::io::Write;
 use std::path::PathBuf;
@@ -15,7 +17,10 @@ use std::path::PathBuf;
 /// DIR is an acquisition folder: rope.json and the frames of each view (view0/frame_000000.png, ...). Everything between
 /// --from-m and --to-m counts as intact, dirt and oil included: what the model has seen is no anomaly afterwards. A few
 /// metres of each rope are enough; for the threshold, every part is judged by what the others taught.
-#[derive(clap::Args)]
+///
+/// Several folders are recordings of one rope by one camera head, on other days: what they show is learnt as one, so that
+/// the light and the dirt of each are known. --from-m and --to-m then repeat, once for each folder in their order.
+#[derive(Args)]
 #[command(after_long_help = "Examples:
   ropescope train intact --out rope.model
       the whole acquisition is known to be intact
@@ -25,21 +30,25 @@ use std::path::PathBuf;
       a lower threshold: more defects are found, and more that are none
   ropescope train rope-a --out rope-a.model --from-m 120 --to-m 125 --json
       rope metres, as start_m in rope.json counts them; for scripts
+  ropescope train may august october --out rope.model
+      three days, all of each
+  ropescope train may august --out rope.model --from-m 12 --to-m 14 --from-m start --to-m 3.5
+      of may metres 12 to 14, of august everything up to metre 3.5
 
 The model is written whole or not at all. Ctrl-C stops the run; exit codes: 0 done, 1 failed, 2 wrong arguments, 130 stopped.")]
 pub(crate) struct TrainArgs {
-    /// The acquisition folder
-    #[arg(value_name = "DIR")]
-    folder: PathBuf,
+    /// The acquisition folders, all of one rope
+    #[arg(value_name = "DIR", required = true)]
+    folders: Vec<PathBuf>,
     /// The model file to write; an earlier model is replaced
     #[arg(long, value_name = "MODEL")]
     out: PathBuf,
-    /// Rope metre from which on the rope is intact [default: the beginning]
-    #[arg(long, value_name = "M", allow_negative_numbers = true)]
-    from_m: Option<f64>,
-    /// Rope metre up to which it is [default: the end]
-    #[arg(long, value_name = "M", allow_negative_numbers = true)]
-    to_m: Option<f64>,
+    /// Rope metre from which on the rope is intact, or 'start'; once for each folder, in their order [default: the beginning]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = from_m)]
+    from_m: Vec<Bound>,
+    /// Rope metre up to which it is, or 'end'; once for each folder, in their order [default: the end]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = to_m)]
+    to_m: Vec<Bound>,
     #[command(flatten)]
     budget: BudgetArgs,
     /// One JSON object on standard output, progress as JSON lines on standard error
@@ -47,7 +56,7 @@ pub(crate) struct TrainArgs {
     json: bool,
 }
 
-#[derive(clap::Args)]
+#[derive(Args)]
 #[group(multiple = false)]
 struct BudgetArgs {
     /// What false alarms may cost, in false defects per 100 m of intact rope [default: 2]
@@ -72,16 +81,16 @@ impl BudgetArgs {
 
 /// Runs the command.
 pub(crate) fn run(args: TrainArgs) -> anyhow::Result<()> {
+    check_counts(&args);
     let budget = args.budget.budget()?;
     check_out(&args)?;
-    let recording = Recording::open(&args.folder)?;
-    check_range(&args, &recording)?;
+    let folders = TrainFolder::open_all(&args.folders, &args.from_m, &args.to_m)?;
     let watcher = Watcher::start(args.json, &PASSES)?;
     if !args.json {
-        say(&format!("{}: {}", args.folder.display(), recording.describe()));
+        folders.iter().for_each(|folder| say(&format!("{}: {}", folder.name, folder.recording.describe())));
     }
-    let options = TrainOptions { from_m: args.from_m, to_m: args.to_m, budget };
-    let trained = train(&recording.acquisition, &recording.frames, options, &args.out, &watcher);
+    let ranges: Vec<_> = folders.iter().map(TrainFolder::range).collect();
+    let trained = train(&ranges, budget, &args.out, &watcher);
     watcher.done();
     let report = trained?;
     let bytes = std::fs::metadata(&args.out).with_context(|| args.out.display().to_string())?.len();
@@ -89,9 +98,20 @@ pub(crate) fn run(args: TrainArgs) -> anyhow::Result<()> {
     if args.json {
         writeln!(out, "{}", json!({"event": "done", "model": args.out, "bytes": bytes, "report": report}))?;
     } else {
-        write!(out, "{}", summary(&args, &report, recording.acquisition.view_angles_rad.len(), bytes))?;
+        write!(out, "{}", summary(&args, &report, folders[0].recording.acquisition.view_angles_rad.len(), bytes))?;
     }
     Ok(())
+}
+
+/// Ends the program as wrong arguments do if bounds cannot be matched to folders.
+fn check_counts(args: &TrainArgs) {
+    let folders = args.folders.len();
+    let wrong = wrong_count("--from-m", "start", args.from_m.len(), folders)
+        .or_else(|| wrong_count("--to-m", "end", args.to_m.len(), folders));
+    if let Some(wrong) = wrong {
+        let mut command = TrainArgs::augment_args(clap::Command::new("ropescope train"));
+        command.error(ErrorKind::WrongNumberOfValues, wrong).exit();
+    }
 }
 
 /// Refuses what would fail only after minutes, or replace something that is no model.
@@ -113,30 +133,17 @@ fn check_out(args: &TrainArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn check_range(args: &TrainArgs, recording: &Recording) -> anyhow::Result<()> {
-    let (start_m, end_m) = (recording.acquisition.start_m, recording.end_m());
-    for (option, value) in [("--from-m", args.from_m), ("--to-m", args.to_m)] {
-        let Some(value) = value else { continue };
-        ensure!(
-            (start_m..=end_m).contains(&value),
-            "{option} is {value}, but the acquisition shows rope metres {start_m:.2} to {end_m:.2}"
-        );
-    }
-    let (from_m, to_m) = (args.from_m.unwrap_or(start_m), args.to_m.unwrap_or(end_m));
-    ensure!(from_m < to_m, "--from-m is {from_m}, but must be less than --to-m, which is {to_m}");
-    Ok(())
-}
-
 fn summary(args: &TrainArgs, report: &TrainReport, views: usize, bytes: u64) -> String {
-    let metres = report.to_m - report.from_m;
+    let (metres, place) = match &report.learnt_from[..] {
+        [] => (report.to_m - report.from_m, format!("metre {:.2} to {:.2}", report.from_m, report.to_m)),
+        ranges => (ranges.iter().map(|r| r.to_m - r.from_m).sum(), format!("{} recordings", ranges.len())),
+    };
     let mut text = format!(
-        "learnt      {}: {metres:.2} m in {:.1} s ({:.2} m/s), metre {:.2} to {:.2}; learnt from {:.2} m of each view on average\n\
+        "learnt      {}: {metres:.2} m in {:.1} s ({:.2} m/s), {place}; learnt from {:.2} m of each view on average\n\
          threshold   line score {:.3}: {}\n",
         report.construction,
         report.seconds,
         metres / report.seconds.max(1e-9),
-        report.from_m,
-        report.to_m,
         report.learnt_view_m / views.max(1) as f64,
         report.threshold,
         report.threshold_origin,

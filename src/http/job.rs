@@ -1,5 +1,6 @@
 //! A job as clients see it.
 
+use super::further_acquisitions::FurtherAcquisition;
 use super::times;
 use crate::store::{StoreError, jobs, leases};
 use serde::{Deserialize, Serialize};
@@ -109,6 +110,8 @@ pub struct Job {
     kind: JobKind,
     /// The acquisition it works on.
     acquisition_id: Uuid,
+    /// What a training learns from besides.
+    further_acquisitions: Vec<FurtherAcquisition>,
     /// The model it judges with.
     #[schema(required)]
     model_id: Option<Uuid>,
@@ -170,6 +173,7 @@ impl TryFrom<jobs::Job> for Job {
             id: row.id.0,
             kind,
             acquisition_id: row.acquisition_id.0,
+            further_acquisitions: row.further()?.into_iter().map(FurtherAcquisition::from).collect(),
             model_id: row.model_id.map(|m| m.0),
             live: row.live,
             preview: row.preview,

@@ -5,13 +5,14 @@ use super::acquisitions;
 use super::budgets::Budget;
 use super::completion::incomplete;
 use super::extract::{Json, Path, Query};
+use super::further_acquisitions::{self, FurtherAcquisition};
 use super::job::{Job, JobState};
 use super::pages::{PageQuery, page_of};
 use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{check_text, choose_id};
 use crate::app::App;
 use crate::store::Id;
-use crate::store::jobs::{self, Cancellation, Enqueued, NewJob as Row, Task};
+use crate::store::jobs::{self, Cancellation, Enqueued, FurtherRange, NewJob as Row, Task};
 use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -36,6 +37,11 @@ pub enum NewJob {
         to_m: Option<f64>,
         /// What false alarms may cost, else 2 false defects per 100 m; the thresholds follow from it.
         budget: Option<Budget>,
+        /// More intact rope to learn from, of other days or other places. All acquisitions must show the same rope, seen by the same
+        /// camera head; what they show is learnt as one.
+        #[serde(default)]
+        #[schema(max_items = 15)]
+        further_acquisitions: Vec<FurtherAcquisition>,
         /// A repeated request with the same key is the same job.
         #[schema(min_length = 1, max_length = 200)]
         idempotency_key: Option<String>,
@@ -77,10 +83,12 @@ pub struct JobFilter {
 
 fn read(app: &App, body: NewJob) -> Result<Row, Problem> {
     let (id, acquisition_id, task, idempotency_key) = match body {
-        NewJob::Train { id, acquisition_id, from_m, to_m, budget, idempotency_key } => {
+        NewJob::Train { id, acquisition_id, from_m, to_m, budget, further_acquisitions, idempotency_key } => {
             super::lay_lengths::range_m(from_m, to_m, None)?;
             let budget = budget.map(Budget::check).transpose()?.unwrap_or_default();
-            (id, acquisition_id, Task::Train { from_m, to_m, budget }, idempotency_key)
+            let first = FurtherRange { acquisition_id: Id(acquisition_id), from_m, to_m };
+            let further = further_acquisitions::read(first, &further_acquisitions)?;
+            (id, acquisition_id, Task::Train { from_m, to_m, budget, further }, idempotency_key)
         }
         NewJob::Inspect { id, acquisition_id, live, model_id, threshold, idempotency_key } => {
             let task = Task::Inspect { model_id: model_id.map(Id), threshold, live };
@@ -107,6 +115,7 @@ pub async fn create_job(State(app): State<App>, Json(body): Json<NewJob>) -> Res
     if app.store.acquisition(acquisition).await?.is_some() {
         acquisitions::load_with_frames(&app, acquisition.0).await?;
     }
+    further_acquisitions::check(&app, &new).await?;
     let job = match app.store.enqueue(&new, app.now_ms()).await? {
         Enqueued::New(job) => {
             app.jobs_wake.notify_one();
@@ -124,9 +133,18 @@ pub async fn create_job(State(app): State<App>, Json(body): Json<NewJob>) -> Res
             ))
             .with("value", new.idempotency_key));
         }
-        Enqueued::NoAcquisition => return Err(unknown("acquisition_id", "acquisition", acquisition)),
-        Enqueued::Incomplete => {
-            return Err(incomplete(acquisition.0, app.store.missing(acquisition).await?.unwrap_or_default()));
+        Enqueued::NoAcquisition(id) => {
+            return Err(unknown(&further_acquisitions::field_of(&new, id), "acquisition", id));
+        }
+        Enqueued::Incomplete(id) => {
+            return Err(incomplete(id.0, app.store.missing(id).await?.unwrap_or_default()));
+        }
+        Enqueued::AcquisitionOfAnotherRope { acquisition, other, rope } => {
+            return Err(Problem::acquisition_of_another_rope(format!(
+                "acquisition {acquisition} shows rope {other}, but the first one shows rope {rope}: a model is learnt from one rope"
+            ))
+            .with("field", further_acquisitions::field_of(&new, acquisition))
+            .limit(other.to_string(), rope.to_string()));
         }
         Enqueued::NoModel => {
             let Task::Inspect { model_id: Some(model), .. } = new.task else {

@@ -16,6 +16,7 @@ pub mod defects;
 pub mod deliveries;
 pub mod extract;
 pub mod frames;
+mod further_acquisitions;
 pub mod guard;
 pub mod health;
 pub mod history;

@@ -7,7 +7,7 @@ use super::pages::{PageQuery, page_of};
 use super::problem::ReadProblems;
 use super::{Problem, times};
 use crate::app::App;
-use crate::pipeline::learning_curve;
+use crate::pipeline::{TrainReport, learning_curve, training_range};
 use crate::store::{Id, StoreError, models};
 use axum::body::Body;
 use axum::extract::State;
@@ -20,13 +20,15 @@ use uuid::Uuid;
 /// What a model was trained on and what came of it.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct TrainedOn {
-    /// The acquisition.
+    /// The acquisition; the first, if there were several.
     acquisition_id: Uuid,
+    /// What every acquisition gave, in the order in which the job names them.
+    acquisitions: Vec<LearntFrom>,
     /// Construction of the rope.
     construction: String,
-    /// Rope metre from which on it was learnt.
+    /// Rope metre from which on it was learnt; of several acquisitions the least.
     from_m: f64,
-    /// Rope metre up to which.
+    /// Rope metre up to which; of several the greatest.
     to_m: f64,
     /// Metres of rope learnt from, summed over the views.
     learnt_view_m: f64,
@@ -46,6 +48,39 @@ pub struct TrainedOn {
     seconds: f64,
     /// What else a person should know.
     notes: Vec<String>,
+}
+
+/// What an acquisition gave to a model.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct LearntFrom {
+    /// The acquisition.
+    acquisition_id: Uuid,
+    /// Rope metre from which on it was learnt.
+    from_m: f64,
+    /// Rope metre up to which.
+    to_m: f64,
+    /// Metres of rope learnt from, summed over the views.
+    learnt_view_m: f64,
+}
+
+impl LearntFrom {
+    /// In the order of the ranges. The report of a training on one acquisition does not repeat it.
+    fn all(row: &models::Model, report: &TrainReport) -> Result<Vec<Self>, StoreError> {
+        if report.learnt_from.is_empty() {
+            let TrainReport { from_m, to_m, learnt_view_m, .. } = *report;
+            return Ok(vec![Self { acquisition_id: row.acquisition_id.0, from_m, to_m, learnt_view_m }]);
+        }
+        let of_one = |from: &training_range::LearntFrom| {
+            let acquisition_id = Uuid::parse_str(&from.acquisition).map_err(|_| StoreError::Inconsistent {
+                table: "model",
+                column: "report",
+                row: row.id.to_string(),
+                value: from.acquisition.clone(),
+            })?;
+            Ok(Self { acquisition_id, from_m: from.from_m, to_m: from.to_m, learnt_view_m: from.learnt_view_m })
+        };
+        report.learnt_from.iter().map(of_one).collect()
+    }
 }
 
 /// What a model of so many metres knows of rope that it has not seen.
@@ -105,6 +140,7 @@ impl TryFrom<models::Model> for Model {
             job_id: row.job_id.0,
             trained_on: TrainedOn {
                 acquisition_id: row.acquisition_id.0,
+                acquisitions: LearntFrom::all(&row, &report)?,
                 construction: report.construction,
                 from_m: report.from_m,
                 to_m: report.to_m,

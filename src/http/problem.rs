@@ -131,6 +131,12 @@ kinds! {
     frame_unreadable: UNPROCESSABLE_ENTITY, "frame-unreadable", "The body is not a whole gray image";
     /// The model is of another rope.
     model_of_another_rope: UNPROCESSABLE_ENTITY, "model-of-another-rope", "The model was trained on another rope";
+    /// A further acquisition is of another rope.
+    acquisition_of_another_rope: UNPROCESSABLE_ENTITY, "acquisition-of-another-rope", "The acquisition shows another rope";
+    /// Acquisitions of different camera heads.
+    acquisitions_differ: UNPROCESSABLE_ENTITY, "acquisitions-differ", "The acquisitions cannot teach one model";
+    /// The same rope would teach twice.
+    ranges_overlap: UNPROCESSABLE_ENTITY, "ranges-overlap", "The same rope would teach twice";
     /// More than one request may ask.
     range_too_large: UNPROCESSABLE_ENTITY, "range-too-large", "The range is larger than one request may ask for";
     /// Nothing was inspected with a model.

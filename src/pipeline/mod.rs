@@ -14,6 +14,7 @@ pub mod learning_curve;
 mod learning_view;
 mod maps;
 pub mod model_file;
+mod passes;
 pub mod preview;
 pub mod profile;
 pub mod progress;
@@ -24,6 +25,7 @@ pub mod source;
 pub mod stretches;
 pub mod tables;
 pub mod train;
+pub mod training_range;
 pub mod windows;
 
 pub use acquisition::{Acquisition, AcquisitionError, RopeFile};
@@ -32,7 +34,8 @@ pub use found::Found;
 pub use inspect::{InspectOptions, inspect};
 pub use progress::{Progress, ProgressReport};
 pub use source::{FrameFiles, FrameSource, SourceError};
-pub use train::{TrainOptions, TrainReport, train};
+pub use train::{TrainReport, train};
+pub use training_range::TrainingRange;
 
 use std::path::PathBuf;
 
@@ -70,6 +73,36 @@ pub enum PipelineError {
         aligned_m: f64,
         /// Metres that are needed.
         needed_m: f64,
+    },
+    /// A range that shows no rope.
+    #[error(
+        "there is nothing to learn from in the range of {acquisition}, which shows rope metres {start_m:.2} to {end_m:.2}: choose a range in them"
+    )]
+    NothingInRange {
+        /// The acquisition, by its folder or its id.
+        acquisition: String,
+        /// Rope metre at which it begins.
+        start_m: f64,
+        /// And ends.
+        end_m: f64,
+    },
+    /// Acquisitions of different ropes, or of different camera heads.
+    #[error(
+        "{acquisition} has {difference}: one model is learnt from one rope, seen by one camera head, so leave it out or train it alone"
+    )]
+    AcquisitionsDiffer {
+        /// The one that differs from the first, by its folder or its id.
+        acquisition: String,
+        /// In what.
+        difference: training_range::Difference,
+    },
+    /// The same rope would teach twice.
+    #[error(
+        "{acquisition} is named twice, with ranges that overlap: rope that teaches twice would be judged by itself, so give ranges apart"
+    )]
+    RangesOverlap {
+        /// The acquisition, by its folder or its id.
+        acquisition: String,
     },
     /// What false alarms may cost was asked for in a number that makes no sense.
     #[error("{0}")]

@@ -1,19 +1,19 @@
 //! Learns an appearance model from intact rope.
 
 use super::budget::{Budget, BudgetFit};
-use super::drive::{Drive, aligner_spec};
 use super::fit::{IntactRope, IntactScores};
 use super::folds::fold_of;
 use super::held_back::{Held, cross_scored};
 use super::learning_curve::{GrowingGray, LearningPoint, curve};
 use super::learning_view::{LearningView, LearntView};
 use super::model_file::Model;
+use super::passes::{Pass, Used};
 use super::results::Threshold;
-use super::stretches::STRETCH_LINES;
-use super::{Acquisition, FrameSource, PipelineError, Progress};
+use super::training_range::{self, LearntFrom, TrainingRange};
+use super::{PipelineError, Progress};
 use crate::vision::evidence::{Evidence, block_lines};
 use crate::vision::factor::FACTORS;
-use crate::vision::inspection_model::{AlignedView, ViewAppearance};
+use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -24,26 +24,18 @@ pub use super::model_file::{is_model, read_report};
 /// The passes over the rope that a training makes, as its progress names them.
 pub const PASSES: [&str; 3] = ["learn", "learn more", "calibrate"];
 
-/// What to learn from.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct TrainOptions {
-    /// Rope metre from which on the rope is intact; `None`: from the start.
-    pub from_m: Option<f64>,
-    /// Rope metre up to which it is; `None`: to the end.
-    pub to_m: Option<f64>,
-    /// What false alarms may cost.
-    pub budget: Budget,
-}
-
 /// What a model was trained on and what came of it. Stored with the model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrainReport {
     /// Construction of the rope.
     pub construction: String,
-    /// Rope metres used.
+    /// Rope metres used; of several ranges, the least.
     pub from_m: f64,
-    /// Rope metres used.
+    /// Rope metres used; of several ranges, the greatest.
     pub to_m: f64,
+    /// What each of several ranges gave. Empty if there was one, and in models of earlier versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub learnt_from: Vec<LearntFrom>,
     /// Metres of rope that were aligned and learnt from, summed over the views.
     pub learnt_view_m: f64,
     /// Line score above which a line is an alarm, found on held-back intact rope.
@@ -88,51 +80,49 @@ const BYTES_PER_CELL: usize = 9;
 /// Fewest stretches that are kept, if there are as many.
 const LEAST_KEPT: usize = 6;
 
-/// Trains on `source` and writes the model to `model_path`, whole or not at all.
+/// Trains on intact rope of one acquisition or of several, pooled, and writes the model to `model_path`, whole or not at all.
 pub fn train(
-    acquisition: &Acquisition,
-    source: &dyn FrameSource,
-    options: TrainOptions,
+    ranges: &[TrainingRange<'_>],
+    budget: Budget,
     model_path: &Path,
     progress: &dyn Progress,
 ) -> Result<TrainReport, PipelineError> {
     let started = std::time::Instant::now();
-    let per_100m = options.budget.false_defects().map_err(PipelineError::Budget)?;
-    let line = |position_m: f64| {
-        ((position_m - acquisition.start_m) * 1000.0 / acquisition.line_pitch_mm).round().max(0.0) as usize
-    };
-    let range = options.from_m.map_or(0, line)..options.to_m.map_or(usize::MAX, line);
+    let per_100m = budget.false_defects().map_err(PipelineError::Budget)?;
+    let too_little = |aligned_m, needed_m| PipelineError::TooLittleRope { aligned_m, needed_m };
+    let acquisition = ranges.first().ok_or_else(|| too_little(0.0, LEAST_M))?.acquisition;
+    training_range::check(ranges)?;
     let views = acquisition.view_angles_rad.len();
     let pitch_mm = acquisition.line_pitch_mm;
-
-    let drive = |stage| Drive { acquisition, source, range: range.clone(), given_contours: None, stage, progress };
-    let used = drive(PASSES[0]).reader()?.range();
+    let used: Vec<Used<'_>> = ranges.iter().map(Used::of).collect::<Result<_, _>>()?;
+    let pass = |stage| Pass { used: &used, stage, progress };
 
     // First pass: gray values of intact rope.
-    let stretches = used.len().div_ceil(aligner_spec(acquisition).stretch_lines(STRETCH_LINES));
+    let stretches = used.iter().map(|used| used.lines.len().div_ceil(used.stretch_lines())).sum();
     let mut gray = vec![GrowingGray::new(stretches); views];
-    each_view(&drive(PASSES[0]), &mut gray, |_| true, |number, aligned, gray| gray.take(number, &aligned))?;
+    let given_view_m =
+        pass(PASSES[0]).each_view(&mut gray, |_| true, |number, aligned, gray| gray.take(number, &aligned))?;
     let learnt_view_m: f64 = gray.iter().map(|view| view.metres).sum();
     let aligned_m = learnt_view_m / views as f64;
     if aligned_m < LEAST_M {
-        return Err(PipelineError::TooLittleRope { aligned_m, needed_m: LEAST_M });
+        return Err(too_little(aligned_m, LEAST_M));
     }
     let learning_curve = curve(&gray);
 
     // Second pass: the further factors, relative to the gray that is expected by what the other folds taught.
     let mut learning: Vec<LearningView> = gray.into_par_iter().map(|gray| LearningView::new(gray.folds)).collect();
-    each_view(&drive(PASSES[1]), &mut learning, |_| true, |number, aligned, view| view.take(number, &aligned))?;
+    pass(PASSES[1]).each_view(&mut learning, |_| true, |number, aligned, view| view.take(number, &aligned))?;
     let learnt: Vec<LearntView> = learning.into_par_iter().map(LearningView::learnt).collect();
 
     // Third pass: evidence of every fold by the others, for calibration and threshold.
-    let kept = kept_stretches(acquisition, stretches);
+    let kept = kept_stretches(&used, stretches);
     let mut evidence: Vec<(&LearntView, Vec<Vec<Evidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
     let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
-    each_view(&drive(PASSES[2]), &mut evidence, keeps, |number, aligned, (view, stretches)| {
+    pass(PASSES[2]).each_view(&mut evidence, keeps, |number, aligned, (view, stretches)| {
         stretches.push(aligned.evidence(&view.by_others[fold_of(number)]));
     })?;
     let held: Vec<Held> = evidence.into_iter().map(|(_, stretches)| Held::new(stretches, pitch_mm)).collect();
-    let too_little = || PipelineError::TooLittleRope { aligned_m, needed_m: 2.0 * LEAST_M };
+    let too_little = || too_little(aligned_m, 2.0 * LEAST_M);
     let mut learnt: Vec<ViewAppearance> = learnt.into_iter().map(|view| view.whole).collect();
     let scored = cross_scored(&learnt, &held, acquisition.rope.strands(), pitch_mm).ok_or_else(too_little)?;
     for (view, held) in learnt.iter_mut().zip(&held) {
@@ -143,8 +133,13 @@ pub fn train(
     let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
     let mut intact = IntactRope::default();
     scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
-    let budget = BudgetFit::of(options.budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
+    let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
     let mut notes = Vec::new();
+    let mut learnt_from = Vec::new();
+    if used.len() > 1 {
+        learnt_from = used.iter().zip(given_view_m).map(|(used, view_m)| used.gave(view_m)).collect();
+        notes.push(training_range::sentence(&learnt_from, views));
+    }
     if scored.len() == 1 {
         notes.push("only one stretch could be used, so its scores are those of rope that calibrated them and the threshold is too low: train on 2 m or more".to_owned());
     }
@@ -157,8 +152,9 @@ pub fn train(
     }
     let report = TrainReport {
         construction: acquisition.construction(),
-        from_m: acquisition.position_m(used.start),
-        to_m: acquisition.position_m(used.end),
+        from_m: used.iter().map(|used| used.range_m().0).fold(f64::INFINITY, f64::min),
+        to_m: used.iter().map(|used| used.range_m().1).fold(f64::NEG_INFINITY, f64::max),
+        learnt_from,
         learnt_view_m,
         threshold: budget.alarm.line_score,
         threshold_origin: budget.origin(),
@@ -173,43 +169,15 @@ pub fn train(
 }
 
 /// How many stretches are kept for calibration and threshold: their evidence stays in memory.
-fn kept_stretches(acquisition: &Acquisition, stretches: usize) -> usize {
-    let lines = aligner_spec(acquisition).stretch_lines(STRETCH_LINES);
-    let places = acquisition.rope.strands() * acquisition.rope.wires() * PLACES_PER_WIRE;
-    let cells = lines.div_ceil(block_lines(acquisition.line_pitch_mm)) * places;
-    let bytes = cells * BYTES_PER_CELL * (FACTORS.len() + 1) * acquisition.view_angles_rad.len();
-    stretches.min((MOST_EVIDENCE_BYTES / bytes).max(LEAST_KEPT))
-}
-
-/// Aligns the range and hands every usable view of the stretches that are `wanted` (by number) to `take`, with its number and what
-/// that view gathers; all views at once.
-fn each_view<T: Send>(
-    drive: &Drive<'_>,
-    gathered: &mut [T],
-    wanted: impl Fn(usize) -> bool,
-    take: impl Fn(usize, AlignedView<'_>, &mut T) + Sync,
-) -> Result<(), PipelineError> {
-    let pitch_mm = drive.acquisition.line_pitch_mm;
-    let rope = &drive.acquisition.rope;
-    let mut number = 0;
-    drive.run(&mut drive.reader()?, |stretch, cameras| {
-        let this = number;
-        number += 1;
-        if let (true, Ok(estimates)) = (wanted(this), &stretch.estimates) {
-            gathered.par_iter_mut().enumerate().for_each(|(v, gathered)| {
-                let view = &stretch.views[v];
-                if view.usable() {
-                    let block_lines = block_lines(pitch_mm);
-                    take(
-                        this,
-                        AlignedView { rope, camera: &cameras[v], estimates, view, block_lines, pitch_mm },
-                        gathered,
-                    );
-                }
-            });
-        }
-        Ok(())
-    })
+fn kept_stretches(used: &[Used<'_>], stretches: usize) -> usize {
+    let bytes = |used: &Used<'_>| {
+        let acquisition = used.range.acquisition;
+        let places = acquisition.rope.strands() * acquisition.rope.wires() * PLACES_PER_WIRE;
+        let cells = used.stretch_lines().div_ceil(block_lines(acquisition.line_pitch_mm)) * places;
+        cells * BYTES_PER_CELL * (FACTORS.len() + 1) * acquisition.view_angles_rad.len()
+    };
+    let most_bytes = used.iter().map(bytes).max().unwrap_or(1);
+    stretches.min((MOST_EVIDENCE_BYTES / most_bytes).max(LEAST_KEPT))
 }
 
 #[cfg(test)]
@@ -223,6 +191,7 @@ mod tests {
             construction: "6x9".into(),
             from_m: 0.0,
             to_m: 5.0,
+            learnt_from: Vec::new(),
             learnt_view_m: 5.0,
             threshold: budget.alarm.line_score,
             threshold_origin: budget.origin(),
@@ -248,6 +217,18 @@ mod tests {
         assert!((9.0 - decides.look_again_line_score.unwrap() - below).abs() < 1e-9);
         let own = Threshold { look_again_line_score: Some(5.0), ..Threshold::by_hand(9.0) };
         assert_eq!(report.decides_by(Some(&own)).look_again_line_score, Some(5.0));
+    }
+
+    #[test]
+    fn only_a_training_on_several_ranges_writes_what_each_gave_and_reports_of_earlier_versions_are_read() {
+        let alone = serde_json::to_value(report()).unwrap();
+        assert!(alone.get("learnt_from").is_none(), "a model of one range is what it was");
+        assert_eq!(serde_json::from_value::<TrainReport>(alone).unwrap(), report());
+        let from = LearntFrom { acquisition: "may".into(), from_m: 0.0, to_m: 2.5, learnt_view_m: 9.8 };
+        let several = TrainReport { learnt_from: vec![from.clone(), from], ..report() };
+        let written = serde_json::to_value(&several).unwrap();
+        assert_eq!(written["learnt_from"][1]["acquisition"], "may");
+        assert_eq!(serde_json::from_value::<TrainReport>(written).unwrap(), several);
     }
 
     #[test]

@@ -223,10 +223,12 @@ impl Store {
     /// Deletes an acquisition and its frames, unless jobs refer to it. The one that looks at its previews goes with them.
     pub async fn delete_acquisition(&self, id: Id) -> Result<Deletion, StoreError> {
         let mut tx = self.write().await?;
-        let jobs: i64 = sqlx::query_scalar("select count(*) from job where acquisition_id = $1 and preview = 0")
-            .bind(id)
-            .fetch_one(&mut *tx)
-            .await?;
+        let jobs: i64 = sqlx::query_scalar(
+            "select count(*) from job where preview = 0 and id in (select job_id from job_acquisition where acquisition_id = $1)",
+        )
+        .bind(id)
+        .fetch_one(&mut *tx)
+        .await?;
         if jobs > 0 {
             return Ok(Deletion::InUse { jobs });
         }

@@ -1,5 +1,6 @@
 //! Ids in the database: hyphenated lower-case UUID text, so that a person with a database shell sees what the API shows.
 
+use serde::{Deserialize, Serialize};
 use sqlx::encode::IsNull;
 use sqlx::error::BoxDynError;
 use sqlx::sqlite::{SqliteArgumentsBuffer, SqliteTypeInfo, SqliteValueRef};
@@ -8,7 +9,8 @@ use std::fmt;
 use uuid::Uuid;
 
 /// Id of anything that is stored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(transparent)]
 pub struct Id(pub Uuid);
 
 impl fmt::Display for Id {

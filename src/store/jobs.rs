@@ -2,13 +2,16 @@
 
 use super::{Id, Page, PageRequest, Store, StoreError, model_thresholds};
 use crate::pipeline::Budget;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use sqlx::SqliteConnection;
 
 /// A job.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
 #[expect(
     missing_docs,
-    reason = "migrations/0003_jobs_and_tokens.sql, 0006_thresholds.sql, 0020_live.sql, 0030_previews.sql and 0031_levels.sql say what each \
-              column means"
+    reason = "migrations/0003_jobs_and_tokens.sql, 0006_thresholds.sql, 0020_live.sql, 0030_previews.sql, 0031_levels.sql and \
+              0040_several_acquisitions.sql say what each column means"
 )]
 pub struct Job {
     pub seq: i64,
@@ -42,22 +45,30 @@ pub struct Job {
     pub live: bool,
     pub waiting_for: Option<String>,
     pub preview: bool,
+    pub further: Option<String>,
 }
 
 impl Job {
     /// What false alarms may cost, of a training.
     pub fn budget(&self) -> Result<Option<Budget>, StoreError> {
-        self.budget
-            .as_deref()
-            .map(|json| {
-                serde_json::from_str(json).map_err(|_| StoreError::Inconsistent {
-                    table: "job",
-                    column: "budget",
-                    row: self.id.to_string(),
-                    value: json.to_owned(),
-                })
+        self.read("budget", self.budget.as_deref())
+    }
+
+    /// What a training learns from besides its acquisition.
+    pub fn further(&self) -> Result<Vec<FurtherRange>, StoreError> {
+        Ok(self.read("further", self.further.as_deref())?.unwrap_or_default())
+    }
+
+    fn read<T: DeserializeOwned>(&self, column: &'static str, json: Option<&str>) -> Result<Option<T>, StoreError> {
+        json.map(|json| {
+            serde_json::from_str(json).map_err(|_| StoreError::Inconsistent {
+                table: "job",
+                column,
+                row: self.id.to_string(),
+                value: json.to_owned(),
             })
-            .transpose()
+        })
+        .transpose()
     }
 
     /// True when nothing more will happen to it.
@@ -66,8 +77,19 @@ impl Job {
     }
 }
 
+/// Intact rope of an acquisition.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct FurtherRange {
+    /// The acquisition.
+    pub acquisition_id: Id,
+    /// Rope metre from which on the rope is intact; `None`: from the start.
+    pub from_m: Option<f64>,
+    /// Rope metre up to which it is; `None`: to the end.
+    pub to_m: Option<f64>,
+}
+
 /// What shall be done.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Task {
     /// Learn the appearance of intact rope, from and to a rope metre.
     Train {
@@ -77,6 +99,8 @@ pub enum Task {
         to_m: Option<f64>,
         /// What false alarms may cost.
         budget: Budget,
+        /// Rope of further acquisitions to learn from.
+        further: Vec<FurtherRange>,
     },
     /// Measure lay lengths and, with a model, find defects.
     Inspect {
@@ -112,9 +136,18 @@ pub enum Enqueued {
     /// The key or the id belongs to another request; nothing was changed.
     Different(Job),
     /// There is no such acquisition.
-    NoAcquisition,
+    NoAcquisition(Id),
     /// The acquisition is not complete, and the job is not live.
-    Incomplete,
+    Incomplete(Id),
+    /// A further acquisition shows another rope than the first.
+    AcquisitionOfAnotherRope {
+        /// The further acquisition.
+        acquisition: Id,
+        /// Its rope.
+        other: Id,
+        /// Rope of the first.
+        rope: Id,
+    },
     /// There is no such model.
     NoModel,
     /// The model is of another rope.
@@ -137,12 +170,26 @@ pub enum Cancellation {
     Unknown,
 }
 
+async fn rope_and_state(
+    connection: &mut SqliteConnection,
+    acquisition: Id,
+) -> Result<Option<(Id, String)>, StoreError> {
+    Ok(sqlx::query_as("select rope_id, state from acquisition where id = $1")
+        .bind(acquisition)
+        .fetch_optional(connection)
+        .await?)
+}
+
 impl Store {
     /// Queues a job.
     pub async fn enqueue(&self, new: &NewJob, now_ms: i64) -> Result<Enqueued, StoreError> {
         let (kind, from_m, to_m, budget, model_id, threshold, live) = match new.task {
-            Task::Train { from_m, to_m, budget } => ("train", from_m, to_m, Some(budget), None, None, false),
+            Task::Train { from_m, to_m, budget, .. } => ("train", from_m, to_m, Some(budget), None, None, false),
             Task::Inspect { model_id, threshold, live } => ("inspect", None, None, None, model_id, threshold, live),
+        };
+        let further: &[FurtherRange] = match &new.task {
+            Task::Train { further, .. } => further,
+            Task::Inspect { .. } => &[],
         };
         let mut tx = self.write().await?;
         let old: Option<Job> =
@@ -160,16 +207,25 @@ impl Store {
                 && old.live == live
                 && old.from_m == from_m
                 && old.to_m == to_m
+                && old.further()? == further
                 && (kind != "train" || Some(old.budget()?.unwrap_or_default()) == budget);
             return Ok(if same { Enqueued::Same(old) } else { Enqueued::Different(old) });
         }
-        let acquisition: Option<(Id, String)> = sqlx::query_as("select rope_id, state from acquisition where id = $1")
-            .bind(new.acquisition_id)
-            .fetch_optional(&mut *tx)
-            .await?;
-        let Some((rope, state)) = acquisition else { return Ok(Enqueued::NoAcquisition) };
+        let Some((rope, state)) = rope_and_state(&mut tx, new.acquisition_id).await? else {
+            return Ok(Enqueued::NoAcquisition(new.acquisition_id));
+        };
         if state != "complete" && !live {
-            return Ok(Enqueued::Incomplete);
+            return Ok(Enqueued::Incomplete(new.acquisition_id));
+        }
+        for &FurtherRange { acquisition_id: acquisition, .. } in further {
+            match rope_and_state(&mut tx, acquisition).await? {
+                None => return Ok(Enqueued::NoAcquisition(acquisition)),
+                Some((other, _)) if other != rope => {
+                    return Ok(Enqueued::AcquisitionOfAnotherRope { acquisition, other, rope });
+                }
+                Some((_, state)) if state != "complete" => return Ok(Enqueued::Incomplete(acquisition)),
+                Some(_) => {}
+            }
         }
         if let Some(model) = model_id {
             let model_rope: Option<Id> = sqlx::query_scalar("select rope_id from model where id = $1")
@@ -190,8 +246,8 @@ impl Store {
         };
         let job = sqlx::query_as(
             "insert into job (id, kind, rope_id, acquisition_id, model_id, threshold, threshold_version, from_m, to_m, idempotency_key,
-               live, state, run_at_ms, created_at_ms, budget)
-             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12, $12, $13) returning *",
+               live, state, run_at_ms, created_at_ms, budget, further)
+             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12, $12, $13, $14) returning *",
         )
         .bind(new.id)
         .bind(kind)
@@ -206,6 +262,7 @@ impl Store {
         .bind(live)
         .bind(now_ms)
         .bind(budget.map(|b| serde_json::json!(b).to_string()))
+        .bind((!further.is_empty()).then(|| serde_json::json!(further).to_string()))
         .fetch_one(&mut *tx)
         .await?;
         tx.commit().await?;
@@ -225,7 +282,7 @@ impl Store {
         page: PageRequest,
     ) -> Result<Page<Job>, StoreError> {
         let rows = sqlx::query_as(
-            "select * from job where ($1 is null or acquisition_id = $1) and ($2 is null or state = $2) and seq < $3 order by seq desc limit $4",
+            "select * from job where ($1 is null or id in (select job_id from job_acquisition where acquisition_id = $1)) and ($2 is null or state = $2) and seq < $3 order by seq desc limit $4",
         )
         .bind(acquisition)
         .bind(state)

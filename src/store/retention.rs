@@ -13,7 +13,8 @@ const OVERDUE: &str = "select a.id, w.name as ropeway, r.name as rope, a.frame_b
        case
          when exists (select 1 from defect d join inspection i on i.id = d.inspection_id
                       where i.acquisition_id = a.id and (d.state = 'confirmed' or (d.level = 'alarm' and d.state = 'open'))) then 'it is evidence of defects that are open or confirmed'
-         when exists (select 1 from job j where j.acquisition_id = a.id and j.state in ('queued', 'running')) then 'a job works on it'
+         when exists (select 1 from job_acquisition n join job j on j.id = n.job_id
+                      where n.acquisition_id = a.id and j.state in ('queued', 'running')) then 'a job works on it'
          when not exists (select 1 from inspection i where i.acquisition_id = a.id) then 'it was never inspected'
        end as kept_because
      from acquisition a join rope r on r.id = a.rope_id join ropeway w on w.id = r.ropeway_id

@@ -2,7 +2,7 @@
 
 use crate::pipeline::results::Summary;
 use crate::pipeline::{
-    self, Acquisition, FrameSource, InspectOptions, PipelineError, Progress, TrainOptions, TrainReport,
+    self, Acquisition, Budget, FrameSource, InspectOptions, PipelineError, Progress, TrainReport, TrainingRange,
 };
 use std::path::Path;
 
@@ -11,9 +11,8 @@ pub trait Engine: Send + Sync {
     /// See [`pipeline::train()`].
     fn train(
         &self,
-        acquisition: &Acquisition,
-        source: &dyn FrameSource,
-        options: TrainOptions,
+        ranges: &[TrainingRange<'_>],
+        budget: Budget,
         model_path: &Path,
         progress: &dyn Progress,
     ) -> Result<TrainReport, PipelineError>;
@@ -36,13 +35,12 @@ pub struct Pipeline;
 impl Engine for Pipeline {
     fn train(
         &self,
-        acquisition: &Acquisition,
-        source: &dyn FrameSource,
-        options: TrainOptions,
+        ranges: &[TrainingRange<'_>],
+        budget: Budget,
         model_path: &Path,
         progress: &dyn Progress,
     ) -> Result<TrainReport, PipelineError> {
-        pipeline::train(acquisition, source, options, model_path, progress)
+        pipeline::train(ranges, budget, model_path, progress)
     }
 
     fn inspect(

@@ -39,6 +39,15 @@ impl Failure {
             PipelineError::TooLittleRope { .. } => {
                 Self::new("too-little-rope", "There is too little aligned rope to learn from", text, false)
             }
+            PipelineError::NothingInRange { .. } => {
+                Self::new("out-of-range", "The range is not in the acquisition", text, false)
+            }
+            PipelineError::AcquisitionsDiffer { .. } => {
+                Self::new("acquisitions-differ", "The acquisitions cannot teach one model", text, false)
+            }
+            PipelineError::RangesOverlap { .. } => {
+                Self::new("ranges-overlap", "The same rope would teach twice", text, false)
+            }
             PipelineError::Budget(_) => Self::new("out-of-range", "The budget makes no sense", text, false),
             PipelineError::Write { .. } => {
                 Self::new("results-not-written", "The results could not be written", text, true)

@@ -6,7 +6,7 @@ use super::watch::Watch;
 use crate::pipeline::preview::{self, REDUCTION, line_of};
 use crate::pipeline::results::{LayLengthRow, LineScoreFormat};
 use crate::pipeline::{
-    Acquisition, Found, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions,
+    Acquisition, Budget, Found, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainingRange,
 };
 use crate::store::previewed::Suspicion;
 use crate::store::previews::Preview;
@@ -79,8 +79,9 @@ impl Run<'_> {
     fn scores(&self, acquisition: &Acquisition) -> Result<Vec<f32>, PipelineError> {
         let (model_path, results) = (self.work.join("model"), self.work.join("appearance"));
         let unheard = Unheard(self.watch);
-        let options = TrainOptions { to_m: Some(acquisition.start_m + LEARNT_M), ..TrainOptions::default() };
-        let learnt = self.engine.train(acquisition, self.frames, options, &model_path, &unheard)?;
+        let to_m = Some(acquisition.start_m + LEARNT_M);
+        let range = TrainingRange { name: "the previews", acquisition, source: self.frames, from_m: None, to_m };
+        let learnt = self.engine.train(&[range], Budget::default(), &model_path, &unheard)?;
         let options = InspectOptions {
             model_path: Some(model_path),
             line_scores: LineScoreFormat::Binary,

@@ -8,9 +8,10 @@ use super::results_folder;
 use super::watch::{Stop, Watch};
 use crate::app::App;
 use crate::pipeline::results::{LineScoreFormat, Summary, Threshold};
-use crate::pipeline::{self, FrameSource, InspectOptions, PipelineError, TrainOptions};
+use crate::pipeline::{self, FrameFiles, FrameSource, InspectOptions, PipelineError, TrainingRange};
+use crate::store::acquisitions::Acquisition;
 use crate::store::inspections::NewInspection;
-use crate::store::jobs::Job;
+use crate::store::jobs::{FurtherRange, Job};
 use crate::store::leases::Lease;
 use crate::store::model_thresholds::ModelThreshold;
 use crate::store::models::NewModel;
@@ -43,6 +44,32 @@ struct Input {
     model_path: Option<PathBuf>,
     /// What somebody set for the model, if that holds for the job.
     threshold: Option<ModelThreshold>,
+    /// Of a training.
+    further: Vec<Further>,
+}
+
+/// Rope that a training learns from besides its acquisition.
+struct Further {
+    range: FurtherRange,
+    name: String,
+    acquisition: pipeline::Acquisition,
+    frames: FrameFiles,
+}
+
+impl Input {
+    /// All that a training learns from, as the pipeline takes it.
+    fn training_ranges<'a>(&'a self, job: &Job, name: &'a str) -> Vec<TrainingRange<'a>> {
+        let (acquisition, source) = (&self.acquisition, &*self.frames);
+        let first = TrainingRange { name, acquisition, source, from_m: job.from_m, to_m: job.to_m };
+        let further = self.further.iter().map(|f| TrainingRange {
+            name: &f.name,
+            acquisition: &f.acquisition,
+            source: &f.frames,
+            from_m: f.range.from_m,
+            to_m: f.range.to_m,
+        });
+        std::iter::once(first).chain(further).collect()
+    }
 }
 
 /// What the CPU made, in place and durable, not yet recorded.
@@ -136,10 +163,19 @@ async fn gather(app: &App, job: &Job, watch: &Arc<Watch>) -> Result<Input, NoOut
     };
     let acquisition = app.store.acquisition(job.acquisition_id).await?.ok_or_else(|| gone("acquisition"))?;
     let rope = app.store.rope(job.rope_id).await?.ok_or_else(|| gone("rope"))?;
-    let file = acquisition.rope_file(&rope.design);
-    let checked = file.validate().map_err(|error| {
-        NoOutput::Failed(Failure::of_pipeline(&PipelineError::Acquisition(error), &app.settings.data))
-    })?;
+    let checked = |acquisition: &Acquisition| {
+        acquisition.rope_file(&rope.design).validate().map_err(|error| {
+            NoOutput::Failed(Failure::of_pipeline(&PipelineError::Acquisition(error), &app.settings.data))
+        })
+    };
+    let mut further = Vec::new();
+    for range in job.further()? {
+        let id = range.acquisition_id;
+        let acquisition = app.store.acquisition(id).await?.ok_or_else(|| gone("acquisition"))?;
+        let frames = app.store.frame_files(&acquisition).await?;
+        further.push(Further { range, name: id.to_string(), acquisition: checked(&acquisition)?, frames });
+    }
+    let checked = checked(&acquisition)?;
     let threshold = match (job.model_id, job.threshold_version) {
         (Some(model), Some(version)) => app.store.model_threshold(model, version).await?,
         _ => None,
@@ -153,6 +189,7 @@ async fn gather(app: &App, job: &Job, watch: &Arc<Watch>) -> Result<Input, NoOut
     };
     Ok(Input {
         threshold,
+        further,
         frames,
         acquisition: checked,
         model_path: job.model_id.map(|model| app.store.folder().model(model)),
@@ -174,8 +211,10 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
     }
     let id = app.new_id();
     if job.kind == "train" {
-        let options = TrainOptions { from_m: job.from_m, to_m: job.to_m, budget: job.budget()?.unwrap_or_default() };
-        let report = engine.train(&input.acquisition, &*input.frames, options, &work, watch).map_err(pipeline)?;
+        let name = job.acquisition_id.to_string();
+        let ranges = input.training_ranges(job, &name);
+        let budget = job.budget()?.unwrap_or_default();
+        let report = engine.train(&ranges, budget, &work, watch).map_err(pipeline)?;
         let sha256 = digest::of_file(&work)?;
         let bytes = folder::length(&work)? as i64;
         let report = serde_json::to_string(&report).map_err(|e| NoOutput::Failed(Failure::of_results(e)))?;

@@ -10,9 +10,10 @@ use ropescope::pipeline::learning_curve::LearningPoint;
 use ropescope::pipeline::results::{
     AlarmRow, DefectRow, Kind, LayLengthRow, Level, NotCovered, Suggestion, Summary, Threshold,
 };
+use ropescope::pipeline::training_range::LearntFrom;
 use ropescope::pipeline::{
-    Acquisition, Budget, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions,
-    TrainReport,
+    Acquisition, Budget, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainReport,
+    TrainingRange,
 };
 use ropescope::service::Service;
 use ropescope::store::tokens::Role;
@@ -95,23 +96,32 @@ impl ToyEngine {
 impl Engine for ToyEngine {
     fn train(
         &self,
-        acquisition: &Acquisition,
-        source: &dyn FrameSource,
-        options: TrainOptions,
+        ranges: &[TrainingRange<'_>],
+        budget: Budget,
         model_path: &Path,
         progress: &dyn Progress,
     ) -> Result<TrainReport, PipelineError> {
-        source.load(0, 0)?;
+        for range in ranges {
+            range.source.load(0, 0)?;
+        }
         self.work(progress)?;
+        let learnt_from = |range: &TrainingRange<'_>| LearntFrom {
+            acquisition: range.name.to_owned(),
+            from_m: range.from_m.unwrap_or(0.0),
+            to_m: range.to_m.unwrap_or(1.0),
+            learnt_view_m: 1.0,
+        };
+        let first = learnt_from(&ranges[0]);
         std::fs::write(model_path, b"a model").unwrap();
         Ok(TrainReport {
-            construction: acquisition.construction(),
-            from_m: options.from_m.unwrap_or(0.0),
-            to_m: options.to_m.unwrap_or(1.0),
+            construction: ranges[0].acquisition.construction(),
+            from_m: first.from_m,
+            to_m: first.to_m,
+            learnt_from: if ranges.len() > 1 { ranges.iter().map(learnt_from).collect() } else { vec![] },
             learnt_view_m: 1.0,
             threshold: TRAINED_THRESHOLD,
             threshold_origin: "a toy".into(),
-            budget: Some(toy_budget(options.budget)),
+            budget: Some(toy_budget(budget)),
             intact: vec![],
             learning_curve: [0.5, 1.0]
                 .map(|metres| LearningPoint { metres, nats_per_pixel: 1.0 - 0.1 / metres })

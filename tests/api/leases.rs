@@ -81,7 +81,7 @@ impl Queue {
     }
 
     async fn enqueue(&self) -> Id {
-        let task = Task::Train { from_m: None, to_m: None, budget: Budget::default() };
+        let task = Task::Train { from_m: None, to_m: None, budget: Budget::default(), further: Vec::new() };
         let new = NewJob { id: id(), acquisition_id: self.acquisition, task, idempotency_key: None };
         let enqueued = self.store.enqueue(&new, self.clock.now_ms()).await.unwrap();
         assert!(matches!(enqueued, Enqueued::New(_)));

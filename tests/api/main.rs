@@ -25,3 +25,4 @@ mod ropes;
 mod simulated;
 mod surface_alarms;
 mod thresholds;
+mod training;

@@ -4,3 +4,4 @@
 
 mod reference; // the fast alignment against the paper's own
 mod simulated_ropes; // folder in, errors out
+mod training; // folders in, a model out
