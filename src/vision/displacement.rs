@@ -191,4 +191,35 @@ mod tests {
             assert!((axis - (240.0 + 0.01 * k as f32)).abs() < 0.1, "line {k}: {axis}");
         }
     }
+
+    /// Contours of a rope about column 240; `edges_px(line)` is added to the lower and the upper one.
+    fn contours(lines: usize, edges_px: impl Fn(usize) -> (f32, f32)) -> Contours {
+        let edge = |line: usize| edges_px(line);
+        Contours {
+            lower_px: (0..lines).map(|k| 60.0 + edge(k).0).collect(),
+            upper_px: (0..lines).map(|k| 420.0 + edge(k).1).collect(),
+        }
+    }
+
+    fn rms(values: impl Iterator<Item = f32>) -> f32 {
+        let (squares, count) = values.fold((0.0, 0.0), |(s, n), v| (s + v * v, n + 1.0));
+        (squares / count as f32).sqrt()
+    }
+
+    #[test]
+    fn a_swaying_rope_is_followed_and_strands_that_lie_higher_are_not() {
+        const PERIOD: usize = 100;
+        let wave = |k: usize| 1.5 * (k as f32 / 70.0).sin();
+        let swaying = axis_course_px(&contours(3000, |k| (wave(k), wave(k))), |_| (-180.0, 180.0), PERIOD);
+        let off = rms((0..3000).map(|k| swaying.px[k] - 240.0 - wave(k)));
+        assert!(off < 0.05, "{off} px off a rope that sways by {} px", rms((0..3000).map(wave)));
+        // The same waves of the middle, but each edge has its own.
+        let uneven = |k: usize| (1.5 * (k as f32 / 70.0).sin(), 1.5 * (k as f32 / 61.0 + 1.0).sin());
+        let stiff = axis_course_px(&contours(3000, uneven), |_| (-180.0, 180.0), PERIOD);
+        let (followed, offered) = (
+            rms((400..2600).map(|k| stiff.px[k] - 240.0)),
+            rms((400..2600).map(|k| (uneven(k).0 + uneven(k).1) / 2.0)),
+        );
+        assert!(followed < 0.5 * offered, "{followed} of {offered} px");
+    }
 }

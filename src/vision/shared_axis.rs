@@ -61,3 +61,73 @@ fn not_common(cameras: &[Camera], roughness_px: &[f64]) -> DMatrix<f64> {
     let inverse = (&certainty * &movement).pseudo_inverse(1e-9).unwrap_or_else(|_| DMatrix::zeros(2, cameras.len()));
     DMatrix::identity(cameras.len(), cameras.len()) - movement * inverse * certainty
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::FRAC_PI_2;
+
+    const LINES: usize = 400;
+
+    fn cameras(turns: &[f64]) -> Vec<Camera> {
+        let camera = |turn| Camera { angle_rad: turn * FRAC_PI_2, distance_mm: 900.0, px_per_mm: 12.0 };
+        turns.iter().map(|&turn| camera(turn)).collect()
+    }
+
+    /// Axes of a rope that sways, before cameras that are mounted a little askew; `own_px(view, line)` is added.
+    fn axes(cameras: &[Camera], own_px: impl Fn(usize, usize) -> f64) -> Vec<Vec<f32>> {
+        let axis = |v: usize, line: usize| {
+            let (sin, cos) = cameras[v].angle_rad.sin_cos();
+            let (y, z) = (0.3 * (line as f64 / 50.0).sin(), 0.2 * (line as f64 / 80.0).cos());
+            240.0 + 3.0 * v as f64 + cameras[v].px_per_mm * (y * cos + z * sin) + own_px(v, line)
+        };
+        (0..cameras.len()).map(|v| (0..LINES).map(|line| axis(v, line) as f32).collect()).collect()
+    }
+
+    fn joined(cameras: &[Camera], roughness_px: &[f64], mut axes: Vec<Vec<f32>>) -> Vec<Vec<f32>> {
+        let mut slices: Vec<&mut [f32]> = axes.iter_mut().map(|axis| &mut axis[..]).collect();
+        SharedAxis::default().join(cameras, roughness_px, 380.0, &mut slices);
+        axes
+    }
+
+    /// Scatter of the difference of two axes about its mean.
+    fn apart_px(a: &[f32], b: &[f32]) -> f64 {
+        let differences: Vec<f64> = a.iter().zip(b).map(|(a, b)| f64::from(a - b)).collect();
+        let mean = differences.iter().sum::<f64>() / differences.len() as f64;
+        (differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / differences.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn what_a_rough_view_sees_alone_goes_and_the_common_movement_stays() {
+        let cameras = cameras(&[0.0, 1.0, 2.0, 3.0]);
+        let truth = axes(&cameras, |_, _| 0.0);
+        let wavy = |v: usize, line: usize| if v == 0 { 0.6 * (line as f64 / 20.0).sin() } else { 0.0 };
+        let seen = axes(&cameras, wavy);
+        let before = apart_px(&seen[0], &truth[0]);
+        let found = joined(&cameras, &[3.0, 1.0, 1.0, 1.0], seen);
+        for (v, (found, truth)) in found.iter().zip(&truth).enumerate() {
+            assert!(apart_px(found, truth) < 0.2 * before, "view {v}: {} of {before}", apart_px(found, truth));
+        }
+        let untouched = joined(&cameras, &[1.0; 4], truth.clone());
+        for (found, truth) in untouched.iter().zip(&truth) {
+            assert!(found.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-3), "a rope that all views agree on");
+        }
+    }
+
+    #[test]
+    fn views_that_do_not_overlap_are_left_alone() {
+        for turns in [&[0.0][..], &[0.0, 1.0]] {
+            let cameras = cameras(turns);
+            let seen = axes(&cameras, |v, line| (line % (40 + v)) as f64 / 60.0);
+            assert_eq!(joined(&cameras, &vec![1.0; turns.len()], seen.clone()), seen);
+        }
+    }
+
+    #[test]
+    fn cameras_that_look_at_different_places_of_a_swaying_rope_are_left_alone() {
+        let cameras = cameras(&[0.0, 2.0]);
+        let seen = axes(&cameras, |v, line| if v == 0 { 10.0 * (line as f64 / 60.0).sin() } else { 0.0 });
+        let found = joined(&cameras, &[1.0; 2], seen.clone());
+        assert!(apart_px(&found[0], &seen[0]) < 0.2, "{}", apart_px(&found[0], &seen[0]));
+    }
+}
