@@ -5,11 +5,13 @@
 
 use super::edge_strip::{EdgeStrip, OUTSIDE};
 
-/// A soft outline has less than this share of its step within a few pixels. Measured: shadows 0.28 to 0.45, straight ones to
+/// A soft outline has less than this share of its step within a few pixels. Measured: shadows 0.21 to 0.45, straight ones to
 /// 0.62; rope 0.74 to 1.0 before simulated backgrounds, dirty, dim and noisy.
 const SOFT: f32 = 0.6;
-/// Inside a soft outline blocks differ from each other by less than so many times what noise explains. Measured in shadows 1 to
-/// 5; beside the edge of rope that is as soft, because it is as bright as the background or the picture is, more than 9.
+/// Rope's is never this soft, whatever is to be seen inside.
+const SOFTEST: f32 = 0.45;
+/// Inside other soft outlines blocks differ from each other by less than so many times what noise explains. Measured in shadows
+/// 1 to 5; beside rope that is as soft, because it is as bright as the background or the picture is, more than 9.
 const CALM: f32 = 7.0;
 /// Inside a hard one they differ by less than this: there is nothing to see. Measured in shadows 1.0 to 1.5, beside the edge of
 /// rope 2.4 to 17, in photographs more than 30.
@@ -43,8 +45,9 @@ pub(super) fn is_shadow(strip: &EdgeStrip) -> bool {
     let noise = inside.clone().map(|k| strip.noise[k].max(LEAST_NOISE)).sum::<f32>() / n;
     let spread = inside.map(|k| spread[k]).sum::<f32>() / n;
     let beyond_noise = spread / noise * (strip.block_lines as f32).sqrt();
-    let soft = median[OUTSIDE - reach] - median[OUTSIDE + reach] < SOFT * step;
-    (soft && beyond_noise < CALM) || (step > CLEAR * noise && beyond_noise < NOTHING)
+    let near = (median[OUTSIDE - reach] - median[OUTSIDE + reach]) / step;
+    let soft = near < SOFTEST || near < SOFT && beyond_noise < CALM;
+    soft || step > CLEAR * noise && beyond_noise < NOTHING
 }
 
 #[cfg(test)]
@@ -73,8 +76,8 @@ mod tests {
     }
 
     #[test]
-    fn wires_right_inside_the_outline_are_rope_however_soft_it_is() {
-        let soft = |block, inside: f32| 180.0 - 100.0 * (inside / 25.0).clamp(0.0, 1.0) + wires(block, inside, 30.0);
+    fn wires_right_inside_the_outline_are_rope_even_if_it_is_soft() {
+        let soft = |block, inside: f32| 180.0 - 100.0 * (inside / 5.0).clamp(0.0, 1.0) + wires(block, inside, 30.0);
         assert!(!is_shadow(&strip(soft)));
         assert!(!is_shadow(&strip(|block, inside| if inside < 0.0 {
             180.0

@@ -93,7 +93,7 @@ fn the_wires_of_a_lang_lay_are_counted_right_in_one_view() {
 /// the rope 30 px wider, and wire lays wrong by several per cent.
 #[test]
 fn a_shadow_beside_the_rope_costs_no_accuracy() {
-    let on = |background| evaluated(&Recipe { background, ..small(2) });
+    let on = |background| evaluated(&Recipe { background, sensor_px: 400, ..small(2) });
     let (bright, shadow) = (on(Background::Bright), on(Background::Shadow));
     for (view, rms_px) in &shadow.displacement.rms_px {
         let of_bright = bright.displacement.rms_px[view];
