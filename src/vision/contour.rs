@@ -1,11 +1,17 @@
 //! Upper and lower edge of the rope in every camera line, to a fraction of a pixel. [Wacker13, sec. 3.3.1: rc^u, rc^l]
 //!
 //! The paper leaves the extraction open. Here the rope is what differs from the background: the background is followed beside
-//! each edge, so that dark camera tunnels, bright workshops and shadows all serve; the edge is where the difference crosses
-//! half of what it reaches just inside the rope. Edges are followed from line to line in a window, which is fast and does
-//! not jump to scratches or loose wires; a lost edge is searched again over the whole line.
+//! each edge, so that dark camera tunnels and bright workshops both serve; the edge is where the difference crosses half of
+//! what it reaches just inside the rope. Edges are followed from line to line in a window, which is fast and does not jump to
+//! scratches or loose wires; a lost edge is searched again over the whole line. Where what was followed is the outline of a
+//! shadow on the background, the rope's own edge is found inside it.
 
+use super::edge_search::{SEARCH_EVERY, body_contrast, coarse_edges};
+use super::edge_strip::{Blocks, EdgeStrip};
+use super::edge_tracker::EdgeTracker;
 use super::image::GrayImage;
+use super::shadow::is_shadow;
+use super::shadowed_edge::rope_inside;
 
 /// Edges of the rope, one entry a line; NaN where a line shows none.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -48,161 +54,8 @@ impl Contours {
     }
 }
 
-/// Half width of the window in which an edge is followed, in px. Strand outlines move by less than 1 px a line, wire ends jump.
-const WINDOW_PX: isize = 14;
-/// Pixels inside the edge over which the rope's own brightness is taken.
-const INSIDE_PX: isize = 8;
-/// Pixels outside the window over which the background is taken.
-const BACKGROUND_PX: isize = 10;
-/// Lines over which the background is averaged, as a recursive filter.
-const BACKGROUND_LINES: f32 = 24.0;
-/// The edge must differ from the background by this many standard deviations of the background.
-const SIGNIFICANT_SD: f32 = 4.0;
-/// The edge must differ from the background by this share of what the rope's body does: stray light beside the rope does not.
-const BODY_SHARE: f32 = 0.25;
-/// Least difference in gray values that is taken for a rope, whatever the noise.
-const LEAST_CONTRAST: f32 = 5.0;
 /// Lines between two checks of the edges that are followed against a search of the whole line.
 const CHECK_EVERY: usize = 200;
-/// Lines between two searches for a lost edge.
-const SEARCH_EVERY: usize = 16;
-
-/// One edge while it is followed.
-struct EdgeTracker {
-    /// +1: the rope lies at larger columns (lower edge); -1: at smaller ones.
-    inward: isize,
-    edge_px: f32,
-    background: f32,
-    variance: f32,
-    /// How far the rope's body differs from the background, in gray values.
-    body: f32,
-    locked: bool,
-    missed: usize,
-}
-
-impl EdgeTracker {
-    fn new(inward: isize) -> Self {
-        Self {
-            inward,
-            edge_px: f32::NAN,
-            background: f32::NAN,
-            variance: 0.0,
-            body: 0.0,
-            locked: false,
-            missed: SEARCH_EVERY,
-        }
-    }
-
-    /// The edge in a line, or NaN. `coarse` searches the whole line: the edge and the contrast of the rope's body.
-    fn follow(&mut self, line: &[u8], coarse: impl FnOnce() -> Option<(f32, f32)>) -> f32 {
-        if !self.locked {
-            self.missed += 1;
-            if self.missed < SEARCH_EVERY {
-                return f32::NAN;
-            }
-            self.missed = 0;
-            let Some((edge_px, body)) = coarse() else { return f32::NAN };
-            self.edge_px = edge_px;
-            self.body = body;
-            self.background = f32::NAN;
-        }
-        let found = self.refine(line);
-        match found {
-            Some(edge_px) => {
-                self.locked = true;
-                self.missed = 0;
-                // Follow slowly: one line with a wire end sticking out must not drag the window away.
-                self.edge_px += (edge_px - self.edge_px).clamp(-1.5, 1.5);
-                edge_px
-            }
-            None => {
-                self.missed += 1;
-                self.locked = self.locked && self.missed < SEARCH_EVERY;
-                f32::NAN
-            }
-        }
-    }
-
-    /// Lets go of an edge that a search of the whole line sees elsewhere.
-    fn check(&mut self, edge_px: f32, body: f32) {
-        self.body = body;
-        if self.locked && (edge_px - self.edge_px).abs() > WINDOW_PX as f32 {
-            (self.locked, self.missed) = (false, SEARCH_EVERY);
-        }
-    }
-
-    fn refine(&mut self, line: &[u8]) -> Option<f32> {
-        let width = line.len() as isize;
-        let centre = self.edge_px.round() as isize;
-        // `at(k)`: the gray value k px inside the centre of the window.
-        let at = |k: isize| {
-            let column = centre + k * self.inward;
-            (0..width).contains(&column).then(|| f32::from(line[column as usize]))
-        };
-        let mut sum = 0.0;
-        let mut squares = 0.0;
-        let mut n = 0.0;
-        for k in -(WINDOW_PX + BACKGROUND_PX)..-WINDOW_PX {
-            if let Some(gray) = at(k) {
-                sum += gray;
-                squares += gray * gray;
-                n += 1.0;
-            }
-        }
-        if n < 3.0 {
-            // The window touches the border: what little lies outside the edge is the background.
-            for k in -WINDOW_PX..-2 {
-                if let Some(gray) = at(k) {
-                    sum += gray;
-                    squares += gray * gray;
-                    n += 1.0;
-                }
-            }
-        }
-        if n < 2.0 {
-            return None; // the rope runs out of the image
-        }
-        let mean = sum / n;
-        let variance = (squares / n - mean * mean).max(0.25);
-        if self.background.is_nan() {
-            (self.background, self.variance) = (mean, variance);
-        } else {
-            self.background += (mean - self.background) / BACKGROUND_LINES;
-            self.variance += (variance - self.variance) / BACKGROUND_LINES;
-        }
-        let least = (SIGNIFICANT_SD * self.variance.sqrt()).max(LEAST_CONTRAST).max(BODY_SHARE * self.body);
-        let difference = |k: isize| at(k).map(|gray| (gray - self.background).abs());
-        // First significant pixel from outside whose neighbourhood inside is significant too: not a speck.
-        let first = (-WINDOW_PX..=WINDOW_PX).find(|&k| {
-            difference(k).is_some_and(|d| d > least)
-                && (1..=4).filter(|&m| difference(k + m).is_some_and(|d| d > least)).count() >= 3
-        })?;
-        let inside = (0..INSIDE_PX).filter_map(|m| difference(first + m)).fold(0.0, f32::max);
-        let level = (inside / 2.0).max(least * 0.75);
-        let crossing = (first - 2..first + INSIDE_PX).find(|&k| difference(k).is_some_and(|d| d >= level))?;
-        let (outer, inner) = (difference(crossing - 1)?, difference(crossing)?);
-        let fraction = if inner > outer { ((level - outer) / (inner - outer)).clamp(0.0, 1.0) } else { 1.0 };
-        Some(centre as f32 + self.inward as f32 * ((crossing - 1) as f32 + fraction))
-    }
-}
-
-/// How far the body of the rope differs from both margins: the median over the middle half of the columns, all lines averaged.
-fn body_contrast(image: &GrayImage) -> f32 {
-    let width = image.width();
-    let mut mean = vec![0.0f32; width];
-    let rows: Vec<usize> = (0..image.lines()).step_by(SEARCH_EVERY).collect();
-    for &row in &rows {
-        for (m, &gray) in mean.iter_mut().zip(image.line(row)) {
-            *m += f32::from(gray) / rows.len() as f32;
-        }
-    }
-    let margin = (width / 40).max(4);
-    let margins = mean[..margin].iter().chain(&mean[width - margin..]).sum::<f32>() / (2 * margin) as f32;
-    let mut differences: Vec<f32> = mean[width / 4..3 * width / 4].iter().map(|m| (m - margins).abs()).collect();
-    let middle = differences.len() / 2;
-    *differences.select_nth_unstable_by(middle, f32::total_cmp).1
-}
-
 /// Half width of the running median over the extracted edges, in lines: single lines flicker where an edge is hardly lit.
 const MEDIAN_LINES: usize = 4;
 
@@ -222,59 +75,27 @@ fn median_filtered(edges: &[f32]) -> Vec<f32> {
         .collect()
 }
 
-/// Both edges of the widest thing in a line that differs from the line's own margins.
-///
-/// Answers lower edge, upper edge and how far the body of the rope differs from the background.
-fn coarse_edges(image: &GrayImage, line: usize, body: f32, hint_px: Option<f64>) -> Option<(f32, f32, f32)> {
-    let width = image.width();
-    let from = line.saturating_sub(SEARCH_EVERY / 2);
-    let to = (from + SEARCH_EVERY).min(image.lines());
-    let n = (to - from) as f32;
-    let mut mean = vec![0.0f32; width];
-    let mut squares = vec![0.0f32; width];
-    for row in from..to {
-        for (column, &gray) in image.line(row).iter().enumerate() {
-            let gray = f32::from(gray);
-            mean[column] += gray;
-            squares[column] += gray * gray;
-        }
-    }
-    for (m, s) in mean.iter_mut().zip(&mut squares) {
-        *m /= n;
-        *s = (*s / n - *m * *m).max(0.0);
-    }
-    let margin = (width / 40).max(4);
-    let side = |range: std::ops::Range<usize>| {
-        let m = range.clone().map(|c| mean[c]).sum::<f32>() / range.len() as f32;
-        let v = range.clone().map(|c| squares[c] + (mean[c] - m).powi(2)).sum::<f32>() / range.len() as f32;
-        (m, v)
-    };
-    let (left, left_variance) = side(0..margin);
-    let (right, right_variance) = side(width - margin..width);
-    let step = |inward: isize| {
-        // Walk inward with a background that follows slow gradients but not an edge.
-        let (mut background, mut variance) = if inward > 0 { (left, left_variance) } else { (right, right_variance) };
-        let columns: Vec<usize> = if inward > 0 { (0..width).collect() } else { (0..width).rev().collect() };
-        let differs = |c: usize, background: f32, variance: f32| {
-            let least = (SIGNIFICANT_SD * variance.sqrt() * 0.5).max(LEAST_CONTRAST).max(BODY_SHARE * body);
-            (mean[c] - background).abs() > least
-        };
-        for (k, &column) in columns.iter().enumerate() {
-            if differs(column, background, variance) {
-                let ahead = &columns[k..(k + 8).min(columns.len())];
-                if ahead.len() == 8 && ahead.iter().filter(|&&c| differs(c, background, variance)).count() >= 6 {
-                    return Some(column as f32);
-                }
-            } else {
-                background += (mean[column] - background) / 12.0;
-                variance += (squares[column] - variance) / 12.0;
+/// Moves edges that are those of shadows to where the rope begins.
+fn step_out_of_shadows(image: &GrayImage, contours: &mut Contours) {
+    let Some(width_px) = middle_width(contours) else { return };
+    for (edges, inward) in [(&mut contours.lower_px, 1), (&mut contours.upper_px, -1)] {
+        let strip = |blocks| EdgeStrip::of(image, edges, inward, width_px, blocks);
+        if strip(Blocks::Sampled).is_some_and(|sample| is_shadow(&sample))
+            && let Some(depth_px) = strip(Blocks::All).and_then(|strip| rope_inside(&strip))
+        {
+            for (edge, depth_px) in edges.iter_mut().zip(depth_px) {
+                *edge += inward as f32 * depth_px;
             }
         }
-        None
-    };
-    let (lower, upper) = (step(1)?, step(-1)?);
-    let least_width = hint_px.map_or(width as f64 / 8.0, |hint| 0.7 * hint);
-    (f64::from(upper - lower) >= least_width).then_some((lower, upper, body))
+    }
+}
+
+/// Median distance between both edges, from some of the lines; `None` if hardly any shows both.
+fn middle_width(contours: &Contours) -> Option<f32> {
+    let both = contours.lower_px.iter().zip(&contours.upper_px).step_by(SEARCH_EVERY);
+    let mut widths: Vec<f32> = both.map(|(lower, upper)| upper - lower).filter(|width| width.is_finite()).collect();
+    let middle = widths.len() / 2;
+    (widths.len() >= 3).then(|| *widths.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
 /// Extracts both edges of every line. `hint_px`: expected rope width in px, if known; what is much narrower is no rope.
@@ -295,10 +116,10 @@ pub fn extract(image: &GrayImage, hint_px: Option<f64>) -> Contours {
             lower.check(l, body);
             upper.check(u, body);
         }
-        if (!lower.locked && lower.missed + 1 >= SEARCH_EVERY) || (!upper.locked && upper.missed + 1 >= SEARCH_EVERY) {
+        if lower.is_due() || upper.is_due() {
             // Lost one edge: look for both again, for they lend each other plausibility.
-            (lower.locked, upper.locked) = (false, false);
-            (lower.missed, upper.missed) = (SEARCH_EVERY, SEARCH_EVERY);
+            lower.let_go();
+            upper.let_go();
             let edges = coarse_edges(image, row, body, hint_px);
             contours.lower_px.push(lower.follow(line, || edges.map(|e| (e.0, e.2))));
             contours.upper_px.push(upper.follow(line, || edges.map(|e| (e.1, e.2))));
@@ -309,6 +130,7 @@ pub fn extract(image: &GrayImage, hint_px: Option<f64>) -> Contours {
     }
     contours.lower_px = median_filtered(&contours.lower_px);
     contours.upper_px = median_filtered(&contours.upper_px);
+    step_out_of_shadows(image, &mut contours);
     if let Some(hint_px) = hint_px {
         for (l, u) in contours.lower_px.iter_mut().zip(&mut contours.upper_px) {
             if f64::from(*u - *l) < 0.6 * hint_px {

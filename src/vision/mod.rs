@@ -46,7 +46,8 @@
 //! - [`smoothing`]: smooth courses from scattered measurements, with their uncertainty
 //!
 //! The strands:
-//! - [`contour`]: edges of the rope in the image
+//! - [`contour`]: edges of the rope in the image; `edge_search` and `edge_tracker` find and follow them
+//! - `shadow`: whether an edge is a shadow's, from the image beside it (`edge_strip`); `shadowed_edge`: where the rope begins then
 //! - [`displacement`]: sideways movement from line to line (eq. 9-12)
 //! - [`shared_axis`]: what all views see of that movement
 //! - [`strand_alignment`]: phase and lay of all strands from the contours (eq. 13)
@@ -86,6 +87,9 @@ pub mod contour;
 mod courses;
 pub mod defects;
 pub mod displacement;
+mod edge_search;
+mod edge_strip;
+mod edge_tracker;
 pub mod estimates;
 pub mod evidence;
 pub mod factor;
@@ -105,6 +109,8 @@ pub mod residuals;
 pub mod rope;
 pub mod scoring;
 mod self_likeness;
+mod shadow;
+mod shadowed_edge;
 pub mod shared_axis;
 pub mod simplex;
 pub mod smoothing;

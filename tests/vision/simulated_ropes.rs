@@ -2,10 +2,11 @@
 
 use ropescope::evaluate::evaluate;
 use ropescope::evaluate::lay_lengths::StretchErrors;
+use ropescope::evaluate::report::Evaluation;
 use ropescope::pipeline::acquisition::open_folder;
 use ropescope::pipeline::progress::Quiet;
 use ropescope::pipeline::{InspectOptions, inspect};
-use ropescope::simulate::{Recipe, Scene, write_acquisition};
+use ropescope::simulate::{Background, Recipe, Scene, write_acquisition};
 
 /// Six stretches of 0.2 m: five to find the rope in, one to follow it. Fewer pixels than usual, to be quick.
 fn small(views: usize) -> Recipe {
@@ -19,14 +20,21 @@ fn small(views: usize) -> Recipe {
     }
 }
 
-fn errors(recipe: &Recipe) -> StretchErrors {
+fn evaluated(recipe: &Recipe) -> Evaluation {
     let folder = tempfile::tempdir().unwrap();
     let results = tempfile::tempdir().unwrap();
     write_acquisition(&Scene::new(recipe, 3).unwrap(), folder.path(), |_| {}).unwrap();
     let (acquisition, frames) = open_folder(folder.path()).unwrap();
     inspect(&acquisition, &frames, &InspectOptions::default(), results.path(), &Quiet).unwrap();
-    let evaluation = evaluate(folder.path(), results.path(), 0).unwrap();
+    evaluate(folder.path(), results.path(), 0).unwrap()
+}
+
+fn fused(evaluation: Evaluation) -> StretchErrors {
     evaluation.lay_lengths.fused.expect("estimates of all views together")
+}
+
+fn errors(recipe: &Recipe) -> StretchErrors {
+    fused(evaluated(recipe))
 }
 
 /// Limits of the mean |error| in mm. Measured when this was written: strands 0.08 to 0.20, wires 0.11 to 0.19, with lays that
@@ -79,6 +87,25 @@ fn eight_strands_of_seven_wires_lang_lay_left_hand() {
 #[test]
 fn the_wires_of_a_lang_lay_are_counted_right_in_one_view() {
     check(&lang_left_hand(1));
+}
+
+/// The same rope before a bright background, with and without its shadow beside it. Taken for the rope's, the shadow's edge made
+/// the rope 30 px wider, and wire lays wrong by several per cent.
+#[test]
+fn a_shadow_beside_the_rope_costs_no_accuracy() {
+    let on = |background| evaluated(&Recipe { background, sensor_px: 400, ..small(2) });
+    let (bright, shadow) = (on(Background::Bright), on(Background::Shadow));
+    for (view, rms_px) in &shadow.displacement.rms_px {
+        let of_bright = bright.displacement.rms_px[view];
+        assert!(*rms_px < of_bright + 0.15, "{view}: {rms_px} px, without a shadow {of_bright} px");
+    }
+    let (bright, shadow) = (fused(bright), fused(shadow));
+    assert_eq!(shadow.strand_not_estimated, 0, "every stretch shows the rope");
+    assert_eq!(shadow.wire_not_estimated, bright.wire_not_estimated);
+    let lays = [(&shadow.strand_mm, &bright.strand_mm), (&shadow.wire_mm, &bright.wire_mm)];
+    for (shadow, bright) in lays.map(|(shadow, bright)| (shadow.as_ref().unwrap(), bright.as_ref().unwrap())) {
+        assert!(shadow.mean_abs < bright.mean_abs + 0.1, "{shadow:?}, without a shadow {bright:?}");
+    }
 }
 
 /// As a photograph shows it: four fifths of a lay in one view, of a rope whose lays nobody wrote down.
