@@ -12,7 +12,7 @@ pub fn axis_px(lower_px: f64, upper_px: f64, model_lower_px: f64, model_upper_px
 }
 
 /// Periods of the outline (from strand to strand) over which a calm axis is smoothed, and a swaying one.
-const PERIODS: [usize; 2] = [6, 2];
+const PERIODS: [usize; 2] = [5, 2];
 /// So many times the variance that uneven strands make is taken to be theirs: few of them pass in a window.
 const UNEVEN: f64 = 2.0;
 
