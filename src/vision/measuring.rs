@@ -48,10 +48,10 @@ pub(super) fn measure(
         let courses = strand_courses(spec, &with(before, seen), None, fit.rate_rad_per_mm);
         for k in 0..knots {
             let mean = reference.mean_phase_rad(reference.knot_middle(k));
-            for j in 0..n {
+            for (j, course) in courses.iter().enumerate() {
                 let phase = |course: &Course| course.phase_rad(course.len() - knots + k);
                 let straight = mean + j as f64 * rope.strand_step_rad();
-                let deviation = courses[j].as_ref().map_or(0.0, |course| phase(course) - straight);
+                let deviation = course.as_ref().map_or(0.0, |course| phase(course) - straight);
                 reference.deviation_rad[k * n + j] = deviation.clamp(-0.12, 0.12);
             }
         }
