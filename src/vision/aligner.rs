@@ -33,7 +33,7 @@ pub const LEAST_SCORE: f64 = 0.45;
 pub(super) const LEAST_FOUND: f64 = 0.4;
 
 /// Rope beyond the ends of a stretch whose contours its axis takes into account, in rope diameters.
-const BEYOND_DIAMETERS: f64 = 4.0;
+const BEYOND_DIAMETERS: f64 = 2.5;
 
 /// What does not change over an acquisition.
 #[derive(Debug, Clone)]

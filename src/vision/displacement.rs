@@ -12,9 +12,9 @@ pub fn axis_px(lower_px: f64, upper_px: f64, model_lower_px: f64, model_upper_px
 }
 
 /// Periods of the outline (from strand to strand) over which a calm axis is smoothed, and a swaying one.
-const PERIODS: [usize; 2] = [5, 2];
-/// So many times the variance that uneven strands make is taken to be theirs: few of them pass in a window.
-const UNEVEN: f64 = 2.0;
+const PERIODS: (usize, usize) = (4, 2);
+/// Difference between both that strands which lie higher or lower than others make, as a share of the rope's width.
+const UNEVEN: f64 = 0.0007;
 
 /// Where the axis of a rope runs in one view.
 #[derive(Debug, Clone, Default)]
@@ -34,12 +34,11 @@ pub struct AxisCourse {
 pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), period_lines: usize) -> AxisCourse {
     let n = contours.len();
     let mut raw = vec![f32::NAN; n];
-    let mut half_widths = vec![f32::NAN; n];
-    for (line, (axis, half_width)) in raw.iter_mut().zip(&mut half_widths).enumerate() {
-        let (lower, upper) = (f64::from(contours.lower_px[line]), f64::from(contours.upper_px[line]));
-        let (model_lower, model_upper) = model(line);
-        *axis = axis_px(lower, upper, model_lower, model_upper) as f32;
-        *half_width = ((upper - lower - (model_upper - model_lower)) / 2.0) as f32;
+    let mut width_px = 0.0f64;
+    for (line, axis) in raw.iter_mut().enumerate() {
+        let (lower, upper) = model(line);
+        width_px = width_px.max(upper - lower);
+        *axis = axis_px(f64::from(contours.lower_px[line]), f64::from(contours.upper_px[line]), lower, upper) as f32;
     }
     // Reject what is far from the local median.
     let half = (period_lines / 2).max(1);
@@ -64,16 +63,8 @@ pub fn axis_course_px(contours: &Contours, model: impl Fn(usize) -> (f64, f64), 
             }
         }
     }
-    let both = |values: &[f32]| PERIODS.map(|periods| local_parabolas(values, periods * half));
-    let [mut course, closer] = both(&kept);
-    half_widths
-        .iter_mut()
-        .zip(&kept)
-        .filter(|(_, axis)| axis.is_nan())
-        .for_each(|(half_width, _)| *half_width = f32::NAN);
-    let [calm_width, closer_width] = both(&half_widths);
-    let uneven_px = scatter_px(&closer_width, &calm_width);
-    sway(&mut course, &closer, PERIODS[0] * half, UNEVEN * uneven_px * uneven_px);
+    let mut course = local_parabolas(&kept, PERIODS.0 * half);
+    sway(&mut course, &local_parabolas(&kept, PERIODS.1 * half), PERIODS.0 * half, UNEVEN * width_px);
     fill_gaps(&mut course);
     AxisCourse { roughness_px: scatter_px(&kept, &course), px: course }
 }
@@ -132,10 +123,9 @@ fn local_parabolas(values: &[f32], half: usize) -> Vec<f32> {
     course
 }
 
-/// Lets a calm course follow a closer one where they differ by more than the variance `uneven_px2` within `half` lines
-/// (James-Stein): there the rope sways faster than the calm one can follow. Strands that lie higher or lower than others move one
-/// edge, so they change the rope's width as much as its middle; swaying leaves the width alone.
-fn sway(calm: &mut [f32], closer: &[f32], half: usize, uneven_px2: f64) {
+/// Lets a calm course follow a closer one where they differ by more than `uneven_px` rms within `half` lines (James-Stein): there
+/// the rope sways faster than the calm one can follow.
+fn sway(calm: &mut [f32], closer: &[f32], half: usize, uneven_px: f64) {
     let n = calm.len();
     let mut sums = vec![(0.0f64, 0.0f64); n + 1];
     for (k, (calm, closer)) in calm.iter().zip(closer).enumerate() {
@@ -145,7 +135,7 @@ fn sway(calm: &mut [f32], closer: &[f32], half: usize, uneven_px2: f64) {
     }
     for (k, (calm, closer)) in calm.iter_mut().zip(closer).enumerate() {
         let (from, to) = (sums[k.saturating_sub(half)], sums[(k + half + 1).min(n)]);
-        let uneven = uneven_px2 * (to.1 - from.1);
+        let uneven = uneven_px * uneven_px * (to.1 - from.1);
         let share = (1.0 - uneven / f64::max(to.0 - from.0, 1e-9)).max(0.0);
         *calm += share as f32 * (closer - *calm);
     }
@@ -190,36 +180,5 @@ mod tests {
         for (k, axis) in course.px.iter().enumerate() {
             assert!((axis - (240.0 + 0.01 * k as f32)).abs() < 0.1, "line {k}: {axis}");
         }
-    }
-
-    /// Contours of a rope about column 240; `edges_px(line)` is added to the lower and the upper one.
-    fn contours(lines: usize, edges_px: impl Fn(usize) -> (f32, f32)) -> Contours {
-        let edge = |line: usize| edges_px(line);
-        Contours {
-            lower_px: (0..lines).map(|k| 60.0 + edge(k).0).collect(),
-            upper_px: (0..lines).map(|k| 420.0 + edge(k).1).collect(),
-        }
-    }
-
-    fn rms(values: impl Iterator<Item = f32>) -> f32 {
-        let (squares, count) = values.fold((0.0, 0.0), |(s, n), v| (s + v * v, n + 1.0));
-        (squares / count as f32).sqrt()
-    }
-
-    #[test]
-    fn a_swaying_rope_is_followed_and_strands_that_lie_higher_are_not() {
-        const PERIOD: usize = 100;
-        let wave = |k: usize| 1.5 * (k as f32 / 70.0).sin();
-        let swaying = axis_course_px(&contours(3000, |k| (wave(k), wave(k))), |_| (-180.0, 180.0), PERIOD);
-        let off = rms((0..3000).map(|k| swaying.px[k] - 240.0 - wave(k)));
-        assert!(off < 0.05, "{off} px off a rope that sways by {} px", rms((0..3000).map(wave)));
-        // The same waves of the middle, but each edge has its own.
-        let uneven = |k: usize| (1.5 * (k as f32 / 70.0).sin(), 1.5 * (k as f32 / 61.0 + 1.0).sin());
-        let stiff = axis_course_px(&contours(3000, uneven), |_| (-180.0, 180.0), PERIOD);
-        let (followed, offered) = (
-            rms((400..2600).map(|k| stiff.px[k] - 240.0)),
-            rms((400..2600).map(|k| (uneven(k).0 + uneven(k).1) / 2.0)),
-        );
-        assert!(followed < 0.5 * offered, "{followed} of {offered} px");
     }
 }
