@@ -7,7 +7,7 @@ use crate::app::App;
 use crate::pipeline::PipelineError;
 use crate::pipeline::training_range::{MOST_RANGES, difference, overlap};
 use crate::store::Id;
-use crate::store::jobs::{FurtherRange, NewJob, Task};
+use crate::store::enqueue::{FurtherRange, NewJob, Task};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;

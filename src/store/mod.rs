@@ -9,6 +9,7 @@ pub mod completion;
 pub mod defects;
 pub mod deliveries;
 pub mod digest;
+pub mod enqueue;
 pub mod folder;
 pub mod frames;
 mod id;

@@ -75,7 +75,7 @@ fn scatter_px(values: &[f32], course: &[f32]) -> f64 {
     (squares / f64::max(count, 1.0)).sqrt()
 }
 
-/// Every how many places a parabola is fitted; between them the course is straight. Windows are a hundred lines long and more.
+/// Every how many places a parabola is fitted, the course being straight between them: a small part of the way from strand to strand.
 const FITTED_EVERY: usize = 8;
 
 /// Value at every place of the parabola fitted to `half` values on either side, skipping NaN: swings stay swings, also at the
