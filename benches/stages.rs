@@ -13,13 +13,14 @@ use ropescope::vision::camera::Camera;
 use ropescope::vision::contour::extract;
 use ropescope::vision::estimates::Estimates;
 use ropescope::vision::evidence::{block_lines, learn};
-use ropescope::vision::histogram::Histogram;
+use ropescope::vision::histogram::{Histogram, SIGMA_BINS};
 use ropescope::vision::image::GrayImage;
-use ropescope::vision::registration::register;
+use ropescope::vision::registration::{Knots, register};
 use ropescope::vision::residuals::Residuals;
+use ropescope::vision::shade::Shade;
 use ropescope::vision::surface::Outlines;
 use ropescope::vision::template::{Template, TemplateSums};
-use ropescope::vision::unwrapping::{StripeTable, read_stripes};
+use ropescope::vision::unwrapping::{FARTHEST_RAD, StripeTable, read_stripes};
 use std::hint::black_box;
 
 /// Lines of the stretch that is timed.
@@ -93,23 +94,25 @@ fn stages(criterion: &mut Criterion) {
     let mut histogram = Histogram::default();
     let block_lines = block_lines(known.spec.pitch_mm);
     learn(rope, camera, estimates, view, block_lines, &mut histogram);
-    let appearance = Appearance::learn(&histogram);
+    let appearance = Appearance::learn(&histogram, SIGMA_BINS);
     let phases = phases(estimates, rope.strands());
     let unknown_wires = |_: usize, out: &mut [f64]| out.fill(f64::NAN);
-    let table = StripeTable::new(rope.wires());
+    let table = StripeTable::new(rope.wires(), known.spec.reading_lines);
     let outlines = Outlines::new(rope, camera);
+    let shade = Shade::new(rope, template, None, FARTHEST_RAD);
 
     let mut group = criterion.benchmark_group("stages");
     group.throughput(Throughput::Elements(view.image.lines() as u64)).sample_size(20);
     group.bench_function("contours", |b| b.iter(|| extract(black_box(&view.image), known.spec.rope_width_px)));
     group.bench_function("registration", |b| {
         b.iter(|| {
-            let (image, axis, knot_lines) = (black_box(&view.image), &view.axis_px, known.spec.knot_lines);
-            register(rope, template, None, camera.angle_rad, image, axis, knot_lines, phases, unknown_wires)
+            let (image, axis) = (black_box(&view.image), &view.axis_px);
+            let knots = Knots { lines: known.spec.knot_lines, thinned: 1 };
+            register(rope, template, None, camera.angle_rad, image, axis, knots, phases, unknown_wires)
         });
     });
     group.bench_function("stripes", |b| {
-        b.iter(|| read_stripes(rope, &outlines, template, &table, black_box(&view.image), &view.axis_px, phases));
+        b.iter(|| read_stripes(rope, &outlines, &shade, &table, black_box(&view.image), &view.axis_px, phases));
     });
     group.bench_function("learning", |b| {
         b.iter(|| learn(rope, camera, estimates, black_box(view), block_lines, &mut histogram));

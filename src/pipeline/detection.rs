@@ -91,6 +91,7 @@ impl<'a> Detection<'a> {
             .collect();
         join_views(&mut scored, rope.strands());
         let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
+        scored.iter_mut().flatten().for_each(|scores| model.lasting.raise(scores, block_mm));
         self.intact.add(&scored, model.report.threshold, block_mm);
         let gray = |v: usize| model.views[v].factors.first().map(|factor| &factor.appearance);
         let sensor_px = self.acquisition.sensor_px as usize;

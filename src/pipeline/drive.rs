@@ -53,16 +53,23 @@ impl Drive<'_> {
         let first_line = reader.range().start;
         let pitch_m = self.acquisition.line_pitch_mm / 1000.0;
         let mut aligner = Aligner::new(aligner_spec(self.acquisition));
+        let mut ahead = None;
         loop {
             if self.progress.cancelled() {
                 return Err(PipelineError::Cancelled);
             }
-            let next = reader.next_stretch()?;
+            let next = ahead.take().unwrap_or_else(|| reader.next_stretch())?;
             let last = next.is_none();
-            let aligned = match next {
-                Some(stretch) => aligner.push(stretch),
-                None => aligner.finish(),
-            };
+            // The next stretch is decoded while this one is aligned: what one leaves of the processors the other uses. Nobody waits
+            // for a frame in here, where others' work waits, too.
+            let (aligned, read) = rayon::join(
+                || match next {
+                    Some(stretch) => aligner.push(stretch),
+                    None => aligner.finish(),
+                },
+                || (!last && reader.is_there()).then(|| reader.next_stretch()),
+            );
+            ahead = read;
             let cameras = aligner.cameras().unwrap_or_default();
             let total_m = (reader.range().end - first_line) as f64 * pitch_m;
             if !aligned.is_empty() {

@@ -2,7 +2,7 @@
 
 use super::folds::{FOLDS, fold_of, without};
 use crate::vision::appearance::Appearance;
-use crate::vision::histogram::{CELLS, Histogram};
+use crate::vision::histogram::{CELLS, Histogram, SIGMA_BINS};
 use crate::vision::inspection_model::AlignedView;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -102,7 +102,7 @@ pub(super) fn curve(views: &[GrowingGray]) -> Vec<LearningPoint> {
 fn of_view(gray: &GrowingGray) -> Vec<LearningPoint> {
     let point = |metres: f64, part: &Histogram| LearningPoint {
         metres,
-        nats_per_pixel: nats_per_pixel(&Appearance::learn(part), &gray.folds[LAST_FOLD]),
+        nats_per_pixel: nats_per_pixel(&Appearance::learn(part, SIGMA_BINS), &gray.folds[LAST_FOLD]),
     };
     let parts = gray.parts.par_iter().filter(|(metres, _)| *metres < gray.learnt_m);
     let mut points: Vec<LearningPoint> = parts.map(|(metres, part)| point(*metres, part)).collect();

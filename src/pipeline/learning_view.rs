@@ -3,7 +3,7 @@
 use super::folds::{FOLDS, fold_of, sum, without};
 use crate::vision::appearance::Appearance;
 use crate::vision::factor::FACTORS;
-use crate::vision::histogram::Histogram;
+use crate::vision::histogram::{Histogram, SIGMA_BINS};
 use crate::vision::inspection_model::{AlignedView, ViewAppearance};
 
 /// Gray values are learnt, further factors are gathered.
@@ -29,8 +29,8 @@ impl LearningView {
     /// Learns the gray values of the folds.
     pub fn new(gray: [Histogram; FOLDS]) -> Self {
         Self {
-            gray: Appearance::learn(&sum(gray.iter())),
-            gray_by_others: std::array::from_fn(|fold| Appearance::learn(&without(&gray, fold))),
+            gray: Appearance::learn(&sum(gray.iter()), SIGMA_BINS),
+            gray_by_others: std::array::from_fn(|fold| Appearance::learn(&without(&gray, fold), SIGMA_BINS)),
             factors: Default::default(),
         }
     }

@@ -3,15 +3,16 @@
 use super::tables::write_error;
 use super::train::TrainReport;
 use super::{Acquisition, PipelineError};
-use crate::vision::appearance::Appearance;
+use crate::vision::appearance::{Appearance, TABLES};
 use crate::vision::histogram::REGIONS;
 use crate::vision::inspection_model::{LearntFactor, ViewAppearance};
+use crate::vision::lasting::Lasting;
 use crate::vision::scoring::{FilterCalibration, RegionLevel};
 use serde::{Deserialize, Serialize};
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-const MAGIC: &[u8] = b"ropescope model 4\n";
+const MAGIC: &[u8] = b"ropescope model 5\n";
 /// How models of every version begin.
 const KIND: &[u8] = b"ropescope model ";
 /// Longest header that is read, in bytes.
@@ -27,6 +28,8 @@ pub struct Model {
     construction: Construction,
     /// One entry a view.
     pub views: Vec<ViewAppearance>,
+    /// How scores that last along the rope are judged.
+    pub lasting: Lasting,
 }
 
 /// What must agree between a model and an acquisition.
@@ -45,13 +48,15 @@ struct Header {
     construction: Construction,
     /// `[view][factor][filter]`.
     calibration: Vec<Vec<Vec<Option<CalibrationNumbers>>>>,
-    /// Floats of each of the two tables of a factor.
-    table_len: usize,
+    /// Cut, from and rise of [`Lasting`].
+    lasting: [f32; 3],
+    /// Floats of the tables of a factor.
+    table_lens: [usize; 3],
 }
 
 impl Model {
     /// A model for the rope of an acquisition.
-    pub fn new(acquisition: &Acquisition, report: TrainReport, views: Vec<ViewAppearance>) -> Self {
+    pub fn new(acquisition: &Acquisition, report: TrainReport, views: Vec<ViewAppearance>, lasting: Lasting) -> Self {
         let construction = Construction {
             strands: acquisition.rope.strands(),
             wires: acquisition.rope.wires(),
@@ -59,7 +64,7 @@ impl Model {
             views: acquisition.view_angles_rad.len(),
             text: acquisition.construction(),
         };
-        Self { report, construction, views }
+        Self { report, construction, views, lasting }
     }
 
     /// Refuses an acquisition of another rope.
@@ -93,7 +98,8 @@ impl Model {
                         .collect()
                 })
                 .collect(),
-            table_len: crate::vision::histogram::CELLS * crate::vision::histogram::GRAY_BINS,
+            lasting: [self.lasting.cut, self.lasting.from, self.lasting.rise],
+            table_lens: TABLES,
         };
         let header = serde_json::to_vec(&header).map_err(|e| write_error(path)(e.into()))?;
         let mut write = || {
@@ -102,8 +108,7 @@ impl Model {
             file.write_all(&header)?;
             let mut packer = zstd::Encoder::new(&mut file, 3)?;
             for factor in self.views.iter().flat_map(|v| &v.factors) {
-                let (likelihood, score) = factor.appearance.tables();
-                for value in likelihood.iter().chain(score) {
+                for value in factor.appearance.tables().into_iter().flatten() {
                     packer.write_all(&value.to_le_bytes())?;
                 }
             }
@@ -119,16 +124,15 @@ impl Model {
     pub fn read(path: &Path) -> Result<Self, PipelineError> {
         let unusable = |reason: String| PipelineError::Model { path: path.into(), reason };
         let (header, rest) = read_header(path)?;
-        let expected = crate::vision::histogram::CELLS * crate::vision::histogram::GRAY_BINS;
-        if header.table_len != expected || header.calibration.len() != header.construction.views {
+        if header.table_lens != TABLES || header.calibration.len() != header.construction.views {
             return Err(unusable(format!(
-                "its tables have {} entries, this version uses {expected}",
-                header.table_len
+                "its tables have {:?} entries, this version uses {TABLES:?}",
+                header.table_lens
             )));
         }
         let mut unpacker = zstd::Decoder::with_buffer(rest).map_err(|e| unusable(e.to_string()))?;
-        let mut table = || -> Result<Vec<f32>, PipelineError> {
-            let mut bytes = vec![0u8; header.table_len * 4];
+        let mut table = |len: usize| -> Result<Vec<f32>, PipelineError> {
+            let mut bytes = vec![0u8; len * 4];
             unpacker.read_exact(&mut bytes).map_err(|e| unusable(format!("it is cut short or damaged ({e})")))?;
             Ok(bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
         };
@@ -137,8 +141,8 @@ impl Model {
         for view in &header.calibration {
             let mut factors = Vec::new();
             for calibration in view {
-                let (likelihood, score) = (table()?, table()?);
-                let appearance = Appearance::from_tables(likelihood, score)
+                let [likelihood, score, expected] = TABLES;
+                let appearance = Appearance::from_tables([table(likelihood)?, table(score)?, table(expected)?])
                     .ok_or_else(|| unusable("its tables have the wrong size".into()))?;
                 let calibration = calibration
                     .iter()
@@ -148,7 +152,9 @@ impl Model {
             }
             views.push(ViewAppearance { factors });
         }
-        Ok(Self { report: header.report, construction: header.construction, views })
+        let [cut, from, rise] = header.lasting;
+        let lasting = Lasting { cut, from, rise };
+        Ok(Self { report: header.report, construction: header.construction, views, lasting })
     }
 }
 

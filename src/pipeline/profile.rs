@@ -86,7 +86,9 @@ mod tests {
         // Grays of one cell are spread evenly over the bins 8 to 16; the others were never seen.
         let mut likelihood = vec![0.0; CELLS * GRAY_BINS];
         likelihood[8..16].fill(4.0);
-        let appearance = Appearance::from_tables(likelihood.clone(), likelihood).unwrap();
+        let mut expected = vec![f32::NAN; CELLS];
+        expected[0] = 12.0;
+        let appearance = Appearance::from_tables([likelihood.clone(), likelihood, expected]).unwrap();
         let usual = UsualGrays { appearance: &appearance, light: 80.0 };
         let found = usual.of(0).unwrap();
         for (found, bin) in found.into_iter().zip([8.4, 12.0, 15.6]) {

@@ -64,7 +64,7 @@ impl<'a> Looker<'a> {
         map.for_each(line, seen.view.axis_px[line], |point| {
             let at = |row: &[u8], bins: &[f32; 256]| bins[usize::from(row[point.column])];
             let here = at(row, bins);
-            let deviation = f64::from(here - gray.expected(point.cell));
+            let deviation = f64::from(here - gray.expected_at(point.theta, point.cell));
             let change = f64::from((here - at(past_row, past_bins)).abs());
             let on_wire = point.strand == strand && near(point.place);
             if deviation.is_finite() {

@@ -154,8 +154,13 @@ pub fn dimensions(path: &Path) -> Result<(u32, u32), SourceError> {
 
 /// Decodes a gray image to 8 bit, after checking its header. Colour is refused: a line camera has none.
 pub fn decode(path: &Path) -> Result<Frame, SourceError> {
-    let (width, height) = dimensions(path)?;
+    dimensions(path)?;
+    decode_checked(path)
+}
+
+fn decode_checked(path: &Path) -> Result<Frame, SourceError> {
     let image = open(path)?.decode().map_err(|e| unreadable(path, e))?;
+    let (width, height) = (image.width(), image.height());
     let pixels = match image {
         image::DynamicImage::ImageLuma8(gray) => gray.into_raw(),
         image::DynamicImage::ImageLuma16(gray) => gray.into_raw().into_iter().map(|g| (g >> 8) as u8).collect(),
@@ -182,6 +187,6 @@ impl FrameSource for FrameFiles {
     fn load(&self, view: usize, frame: usize) -> Result<Frame, SourceError> {
         let path = self.path(view, frame)?;
         self.dimensions(path)?;
-        decode(path)
+        decode_checked(path)
     }
 }

@@ -50,7 +50,7 @@ impl ViewReader {
         if from >= end {
             return Ok(GrayImage::default());
         }
-        let mut image = GrayImage::black(width, to - from);
+        let mut pixels = Vec::with_capacity((to - from) * width);
         let mut line = from;
         while line < to.min(end) {
             let frame = self.starts.partition_point(|&start| start <= line) - 1;
@@ -60,13 +60,11 @@ impl ViewReader {
             let Some((_, loaded)) = &self.current else { break };
             let offset = line - self.starts[frame];
             let lines = (loaded.lines - offset).min(to.min(end) - line);
-            for k in 0..lines {
-                let row = (offset + k) * loaded.width;
-                image.line_mut(line - from + k).copy_from_slice(&loaded.pixels[row..row + width]);
-            }
+            pixels.extend_from_slice(&loaded.pixels[offset * width..(offset + lines) * width]);
             line += lines;
         }
-        Ok(image)
+        pixels.resize((to - from) * width, 0);
+        Ok(GrayImage::new(width, pixels).expect("filled up to whole lines"))
     }
 }
 
@@ -123,6 +121,16 @@ impl<'a> StretchReader<'a> {
         self.next_line.min(end)..end
     }
 
+    /// How far views must be known for the next stretch to be cut: a short rest is joined to the last stretch.
+    fn sight(&self) -> usize {
+        self.next_line.saturating_add(self.stretch_lines + self.stretch_lines / 2).min(self.to_line)
+    }
+
+    /// True if the next stretch can be had without waiting.
+    pub fn is_there(&self) -> bool {
+        self.readers.iter().all(|reader| reader.ended || reader.lines() >= self.sight())
+    }
+
     /// Time that was spent waiting for frames.
     pub fn waited(&self) -> Duration {
         self.waited
@@ -132,7 +140,7 @@ impl<'a> StretchReader<'a> {
     /// stretch more: the cuts do not depend on when frames came.
     pub fn next_stretch(&mut self) -> Result<Option<Stretch>, SourceError> {
         let from = self.next_line;
-        let sight = from.saturating_add(self.stretch_lines + self.stretch_lines / 2).min(self.to_line);
+        let sight = self.sight();
         let began = Instant::now();
         for reader in &mut self.readers {
             reader.reach(self.source, sight)?;
@@ -243,7 +251,11 @@ mod tests {
     fn a_stretch_is_read_when_half_of_the_next_one_is_there_and_not_later() {
         let source = Arriving::new(&[vec![5; 20]], 0);
         let mut reader = StretchReader::new(&source, 1, 10, 0..usize::MAX, None).unwrap();
+        assert!(!reader.is_there(), "nobody has looked for frames yet");
         let first = reader.next_stretch().unwrap().unwrap();
         assert_eq!((first.lines, source.frames(0)), (10, 3));
+        assert!(!reader.is_there(), "the next one must be awaited");
+        let whole = Arriving::new(&[vec![5; 20]], usize::MAX);
+        assert!(StretchReader::new(&whole, 1, 10, 0..usize::MAX, None).unwrap().is_there());
     }
 }

@@ -128,6 +128,13 @@ impl LayLengthTable {
     }
 }
 
+/// Sign, whole part and so many digits of a number: written a hundred thousand times a second, as whole numbers are faster.
+fn decimal(value: f32, digits: usize) -> (&'static str, u64, u64) {
+    let one = 10u64.pow(digits as u32);
+    let parts = (f64::from(value.abs()) * one as f64).round() as u64;
+    (if value < 0.0 { "-" } else { "" }, parts / one, parts % one)
+}
+
 /// One value per line of every view, gathered on disk while the rope goes by: tables that need the whole, such as a mean, are
 /// written at the end without holding it in memory. NaN means no value.
 pub struct LineValues {
@@ -169,7 +176,11 @@ impl LineValues {
             let (sum, count) = self.sums[view];
             let mean = if less_mean && count > 0 { (sum / count as f64) as f32 } else { 0.0 };
             self.read_back(view, |line, value| {
-                if value.is_finite() { writeln!(out, "{view},{line},{:.digits$}", value - mean) } else { Ok(()) }
+                if !value.is_finite() {
+                    return Ok(());
+                }
+                let (sign, whole, rest) = decimal(value - mean, digits);
+                writeln!(out, "{view},{line},{sign}{whole}.{rest:0digits$}")
             })?;
         }
         out.flush().map_err(write_error(&path))
@@ -206,6 +217,19 @@ impl LineValues {
                 Err(e) => return Err(failed(e)),
             }
             line += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decimals_are_those_that_formatting_gives() {
+        for value in [0.0f32, 0.0004, -0.0126, 1.9996, -12.3456, 1234.5] {
+            let (sign, whole, rest) = decimal(value, 3);
+            assert_eq!(format!("{sign}{whole}.{rest:03}"), format!("{value:.3}"));
         }
     }
 }

@@ -14,6 +14,7 @@ use super::{PipelineError, Progress};
 use crate::vision::evidence::{Evidence, block_lines};
 use crate::vision::factor::FACTORS;
 use crate::vision::inspection_model::ViewAppearance;
+use crate::vision::lasting::Lasting;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -124,13 +125,15 @@ pub fn train(
     let held: Vec<Held> = evidence.into_iter().map(|(_, stretches)| Held::new(stretches, pitch_mm)).collect();
     let too_little = || too_little(aligned_m, 2.0 * LEAST_M);
     let mut learnt: Vec<ViewAppearance> = learnt.into_iter().map(|view| view.whole).collect();
-    let scored = cross_scored(&learnt, &held, acquisition.rope.strands(), pitch_mm).ok_or_else(too_little)?;
+    let mut scored = cross_scored(&learnt, &held, acquisition.rope.strands(), pitch_mm).ok_or_else(too_little)?;
     for (view, held) in learnt.iter_mut().zip(&held) {
         if !held.calibrate(view, |_| true) {
             return Err(too_little());
         }
     }
     let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
+    let lasting = Lasting::calibrate(scored.iter().flatten().flatten(), block_mm).ok_or_else(too_little)?;
+    scored.iter_mut().flatten().flatten().for_each(|scores| lasting.raise(scores, block_mm));
     let mut intact = IntactRope::default();
     scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
     let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
@@ -164,7 +167,7 @@ pub fn train(
         seconds: started.elapsed().as_secs_f64(),
         notes,
     };
-    Model::new(acquisition, report.clone(), learnt).write(model_path)?;
+    Model::new(acquisition, report.clone(), learnt, lasting).write(model_path)?;
     Ok(report)
 }
 

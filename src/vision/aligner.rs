@@ -5,9 +5,11 @@
 //! measured when the contours of the next one are known and answered when that one is measured, so that axis and courses are
 //! smoothed with both sides in view; memory is that of the gathered stretches.
 
+use super::agreement::Agreement;
 use super::camera::Camera;
 use super::contour::{Contours, extract};
 use super::courses::predict_wires;
+use super::encoder::EncoderEvidence;
 use super::estimates::{Estimates, NotAligned, estimate};
 use super::fitting::fit_from;
 use super::image::GrayImage;
@@ -19,9 +21,10 @@ use super::shared_axis::SharedAxis;
 use super::strand_alignment::StrandAlignment;
 use super::stretch::{Reference, StrandKnots, ViewModel, ViewStretch};
 use super::template::TemplateSums;
-use super::unwrapping::{LINE_STRIDE, StripeTable, Stripes};
+use super::unwrapping::{StripeTable, Stripes};
 use super::wire_pattern::PatternSums;
-use super::wire_tracking::{Grid, StripeShift, WireKnot, WirePrediction};
+use super::wire_prediction::WirePrediction;
+use super::wire_tracking::{Grid, StripeShift, WireKnot};
 use rayon::prelude::*;
 use std::collections::VecDeque;
 
@@ -34,6 +37,9 @@ pub(super) const LEAST_FOUND: f64 = 0.4;
 
 /// Rope beyond the ends of a stretch whose contours its axis takes into account, in rope diameters.
 const BEYOND_DIAMETERS: f64 = 2.5;
+
+/// Up to so many views leave gaps in which nobody sees a strand.
+const MOST_VIEWS_WITH_GAPS: usize = 2;
 
 /// What does not change over an acquisition.
 #[derive(Debug, Clone)]
@@ -48,12 +54,17 @@ pub struct AlignerSpec {
     pub width_px: usize,
     /// Expected width of the rope in px, if known.
     pub rope_width_px: Option<f64>,
+    /// Lines from one reading of the wires to the next: neighbouring lines tell nearly the same.
+    pub reading_lines: usize,
     /// Lines per knot of the courses.
     pub knot_lines: usize,
 }
 
 /// Millimetres of rope per knot, in rope diameters: a fraction of a wire's pitch.
 const KNOT_DIAMETERS: f64 = 0.15;
+/// Fewest readings of a knot, and most lines from one to the next: with half as many lay lengths are no better.
+const KNOT_READINGS: usize = 4;
+const MOST_READING_LINES: usize = 8;
 
 impl AlignerSpec {
     /// A specification with knots suited to the rope.
@@ -64,15 +75,15 @@ impl AlignerSpec {
         width_px: usize,
         rope_width_px: Option<f64>,
     ) -> Self {
-        let knot_lines = ((KNOT_DIAMETERS * rope.diameter_mm() / pitch_mm).round() as usize).max(2 * LINE_STRIDE);
-        Self {
-            rope,
-            pitch_mm,
-            view_angles_rad,
-            width_px,
-            rope_width_px,
-            knot_lines: knot_lines.next_multiple_of(LINE_STRIDE),
-        }
+        let knot_lines = (KNOT_DIAMETERS * rope.diameter_mm() / pitch_mm).round() as usize;
+        let knot_lines = knot_lines.max(2 * KNOT_READINGS).next_multiple_of(KNOT_READINGS);
+        let reading_lines = (knot_lines / KNOT_READINGS).min(MOST_READING_LINES);
+        Self { rope, pitch_mm, view_angles_rad, width_px, rope_width_px, reading_lines, knot_lines }
+    }
+
+    /// True if some view sees every strand everywhere: fewer leave gaps, over which the count of a strand's wires is the first concern.
+    pub(super) fn sees_all_round(&self) -> bool {
+        self.view_angles_rad.len() > MOST_VIEWS_WITH_GAPS
     }
 
     /// Lines of a stretch: whole knots, about `lines`.
@@ -130,6 +141,7 @@ impl Measured {
         Grid {
             first_mm: self.first_line as f64 * spec.pitch_mm,
             pitch_mm: spec.pitch_mm,
+            reading_lines: spec.reading_lines,
             knot_lines: spec.knot_lines,
             knots: self.knots(spec),
         }
@@ -146,6 +158,8 @@ pub(super) struct Views {
     pub shifts: Vec<StripeShift>,
     pub wire_noise_scale: f64,
     pub shared_axis: SharedAxis,
+    pub encoder: EncoderEvidence,
+    pub agreement: Agreement,
     pub table: StripeTable,
     pub diameter_mm: f64,
 }
@@ -296,7 +310,7 @@ impl Aligner {
 
     /// Estimates of the stretch `at` of the window, from it and its neighbours. Its images go out with it.
     fn answer(&mut self, at: usize) -> AlignedStretch {
-        let estimates = match (&self.window[at].fit, &self.views) {
+        let estimates = match (&self.window[at].fit, &mut self.views) {
             (Ok(_), Some(views)) => {
                 let window: Vec<&Measured> = self.window.iter().collect();
                 estimate(&self.spec, views, &window, at)
@@ -337,11 +351,11 @@ impl Aligner {
         self.lost = 0;
         let before: Vec<&Measured> = self.window.iter().collect();
         measure(&self.spec, views, &mut seen, &before, &self.wires);
-        read_wires(&self.spec, views, &mut seen);
+        read_wires(&self.spec, views, &mut seen, &self.wires);
         learn_template(&self.spec, views, &seen);
         measure_wires(&self.spec, views, &mut seen, &self.wires);
         let window: Vec<&Measured> = before.into_iter().chain([&seen]).collect();
-        self.wires = predict_wires(&self.spec, &window, &self.wires);
+        self.wires = predict_wires(&self.spec, &window, &views.encoder, &self.wires);
         self.enter(seen, out);
     }
 }

@@ -1,12 +1,17 @@
 //! How intact rope looks at every point of its geometry, in one view. [Wacker13, sec. 4.2 and 5, eq. 18, 20-22]
 
-use super::histogram::{CELLS, GRAY_BINS, Histogram, REGIONS, SIGMA_BINS, region};
+use super::histogram::{
+    CELLS, DISTANCE_BINS, GRAY_BINS, Histogram, REGIONS, STRAND_BINS, Theta, WIRE_BINS, cell, region,
+};
 use super::image::GrayImage;
+use super::surface_map::{whole, within};
 
 /// Observations that a cell needs (after smoothing) before it is judged.
 const LEAST_OBSERVATIONS: f32 = 30.0;
 /// epsilon of eq. 22, in units of a uniform density over gray.
 const EPSILON: f32 = 0.05;
+/// Observations that the mean of the cells around counts as when a cell's own mean is taken.
+const OBSERVATIONS_AROUND: f32 = 100.0;
 /// Anomaly scores of single pixels are cut here: one pixel proves little.
 const CUT: f32 = 5.0;
 
@@ -80,16 +85,16 @@ pub struct Appearance {
     likelihood: Vec<f32>,
     /// Anomaly score of every cell and gray value; NaN in cells that were not seen often enough.
     score: Vec<f32>,
-    /// Expected gray bin of every cell; NaN in cells that were not seen often enough.
+    /// Mean gray bin of every cell; NaN in cells that were not seen often enough.
     expected: Vec<f32>,
     /// Standard deviation of the gray bin of every cell.
     spread: Vec<f32>,
 }
 
 impl Appearance {
-    /// Learns from the counts of intact rope.
-    pub fn learn(histogram: &Histogram) -> Self {
-        let joint = histogram.smoothed(SIGMA_BINS);
+    /// Learns from the counts of intact rope, with a window of these standard deviations.
+    pub fn learn(histogram: &Histogram, sigma_bins: [f32; 4]) -> Self {
+        let joint = histogram.smoothed(sigma_bins);
         let mut likelihood = vec![0.0f32; CELLS * GRAY_BINS];
         for cell in 0..CELLS {
             let counts = joint.of_cell(cell);
@@ -140,28 +145,22 @@ impl Appearance {
                 }
             }
         }
-        Self { expected: expected(&likelihood), spread: spread(&likelihood), likelihood, score }
+        Self { expected: expected(&likelihood, histogram), spread: spread(&likelihood), likelihood, score }
     }
 
     /// Restores a model from its tables. `None` if their sizes are not those of this version.
-    pub fn from_tables(likelihood: Vec<f32>, score: Vec<f32>) -> Option<Self> {
-        (likelihood.len() == CELLS * GRAY_BINS && score.len() == CELLS * GRAY_BINS).then(|| Self {
-            expected: expected(&likelihood),
+    pub fn from_tables([likelihood, score, expected]: [Vec<f32>; 3]) -> Option<Self> {
+        ([likelihood.len(), score.len(), expected.len()] == TABLES).then(|| Self {
             spread: spread(&likelihood),
+            expected,
             likelihood,
             score,
         })
     }
 
-    /// The tables that [`Self::from_tables`] restores: likelihood and score.
-    pub fn tables(&self) -> (&[f32], &[f32]) {
-        (&self.likelihood, &self.score)
-    }
-
-    /// Anomaly score of a gray bin at a surface cell; NaN where the model cannot tell.
-    #[inline]
-    pub fn score(&self, cell: usize, gray_bin: u8) -> f32 {
-        self.score[cell * GRAY_BINS + usize::from(gray_bin)]
+    /// The tables that [`Self::from_tables`] restores: likelihood, score and expected gray. Their lengths are [`TABLES`].
+    pub fn tables(&self) -> [&[f32]; 3] {
+        [&self.likelihood, &self.score, &self.expected]
     }
 
     /// Anomaly scores of all gray bins at a surface cell.
@@ -176,10 +175,30 @@ impl Appearance {
         ((f32::from(bin) + 0.5 - self.expected[cell]) / self.spread[cell]).min(CUT)
     }
 
-    /// Expected gray bin (middle of a bin is at + 0.5) at a surface cell; NaN where the model cannot tell.
+    /// Expected gray bin (middle of a bin is at + 0.5), mean of a surface cell; NaN where the model cannot tell.
     #[inline]
     pub fn expected(&self, cell: usize) -> f32 {
         self.expected[cell]
+    }
+
+    /// Expected gray bin at a surface point of that cell, between the middles of the cells about it: across a wire gray changes by
+    /// several bins from cell to cell, and what is expected must not jump where they meet.
+    #[inline]
+    pub fn expected_at(&self, at: Theta, cell_of_it: usize) -> f32 {
+        let mean = self.expected[cell_of_it];
+        let (strand, a) = between_middles(at.strand, STRAND_BINS);
+        let (wire, b) = between_middles(at.wire, WIRE_BINS);
+        let (distance, c) = between_middles(at.distance, DISTANCE_BINS);
+        let first = cell(strand, wire, distance);
+        // Cells that were not seen do not differ from this one.
+        let known = |cell: usize| if self.expected[cell].is_nan() { mean } else { self.expected[cell] };
+        let across = |first: usize| known(first) + c * (known(first + 1) - known(first));
+        let wires = |first: usize| {
+            let (near, far) = (across(first), across(first + cell(0, 1, 0)));
+            near + b * (far - near)
+        };
+        let (near, far) = (wires(first), wires(first + cell(1, 0, 0)));
+        near + a * (far - near)
     }
 
     /// p(g|theta) over the gray bins at a surface cell, in units of a uniform density.
@@ -188,15 +207,31 @@ impl Appearance {
     }
 }
 
-fn expected(likelihood: &[f32]) -> Vec<f32> {
-    likelihood
-        .chunks_exact(GRAY_BINS)
-        .map(|p| {
-            let total: f32 = p.iter().sum();
-            let mean: f32 = p.iter().enumerate().map(|(gray, p)| (gray as f32 + 0.5) * p).sum();
-            if total > 0.0 { mean / total } else { f32::NAN }
-        })
-        .collect()
+/// Floats of the tables of a factor.
+pub const TABLES: [usize; 3] = [CELLS * GRAY_BINS, CELLS * GRAY_BINS, CELLS];
+
+/// The two bins between whose middles a place lies, by the first of them, and how far it is on the way to the second.
+#[inline]
+fn between_middles(at: f32, bins: usize) -> (usize, f32) {
+    let from_first = within(at - 0.5, bins as f32 - 1.001);
+    let first = whole(from_first);
+    (first as usize, from_first - first as f32)
+}
+
+/// Sum of the densities of bins, and their mean times it.
+fn sums(densities: &[f32]) -> (f32, f32) {
+    let mean: f32 = densities.iter().enumerate().map(|(bin, p)| (bin as f32 + 0.5) * p).sum();
+    (densities.iter().sum(), mean)
+}
+
+/// A cell's own mean: the window of the density takes in the cells around, which are brighter or darker.
+fn expected(likelihood: &[f32], histogram: &Histogram) -> Vec<f32> {
+    let of_cell = |(cell, around): (usize, &[f32])| {
+        let (total, mean) = sums(around);
+        let (count, sum) = sums(histogram.of_cell(cell));
+        (sum + OBSERVATIONS_AROUND * mean / total) / (count + OBSERVATIONS_AROUND) // NaN where total is 0
+    };
+    likelihood.chunks_exact(GRAY_BINS).enumerate().map(of_cell).collect()
 }
 
 fn spread(likelihood: &[f32]) -> Vec<f32> {
@@ -215,7 +250,7 @@ fn spread(likelihood: &[f32]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::histogram::{DISTANCE_BINS, cell};
+    use crate::vision::histogram::SIGMA_BINS;
 
     #[test]
     fn what_was_often_seen_is_likely_and_what_never_was_is_anomalous() {
@@ -229,13 +264,35 @@ mod tests {
                 }
             }
         }
-        let appearance = Appearance::learn(&histogram);
+        let appearance = Appearance::learn(&histogram, SIGMA_BINS);
         let at = cell(12, 12, 4);
-        assert!(appearance.score(at, 16) < 0.5);
-        assert!(appearance.score(at, 30) > 3.0);
-        assert!(appearance.score(cell(30, 20, 0), 16).is_nan()); // never seen: no judgement
+        assert!(appearance.scores(at)[16] < 0.5);
+        assert!(appearance.scores(at)[30] > 3.0);
+        assert!(appearance.scores(cell(30, 20, 0))[16].is_nan()); // never seen: no judgement
         let total: f32 = appearance.likelihood(at).iter().sum::<f32>() / GRAY_BINS as f32;
         assert!((total - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn what_is_expected_goes_straight_from_the_middle_of_a_cell_to_the_next() {
+        let mut histogram = Histogram::default();
+        for wire in 10..14 {
+            for distance in 0..DISTANCE_BINS {
+                for _ in 0..4000 {
+                    histogram.add(cell(12, wire, distance), 6 + 2 * distance);
+                }
+            }
+        }
+        let appearance = Appearance::learn(&histogram, SIGMA_BINS);
+        let expected = |distance: f32| {
+            let at = Theta { strand: 12.5, wire: 12.3, distance };
+            appearance.expected_at(at, cell(12, 12, distance as usize))
+        };
+        for (distance, bin) in [(2.5, 10.5), (3.0, 11.5), (3.25, 12.0), (4.5, 14.5)] {
+            assert!((expected(distance) - bin).abs() < 0.05, "{distance}: {} is not {bin}", expected(distance));
+        }
+        let unseen = Theta { strand: 30.5, wire: 20.5, distance: 0.5 };
+        assert!(appearance.expected_at(unseen, cell(30, 20, 0)).is_nan());
     }
 
     #[test]

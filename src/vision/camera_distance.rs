@@ -8,6 +8,7 @@ use super::camera::Camera;
 use super::contour::Contours;
 use super::model_contour::ModelContour;
 use super::rope::Rope;
+use super::unwrapping::peak;
 
 /// Nearest and farthest distances that are considered, in rope diameters.
 pub const DISTANCE_DIAMETERS: (f64, f64) = (3.0, 200.0);
@@ -85,18 +86,13 @@ pub fn estimate(rope: &Rope, views: &[ContourHarmonics]) -> Option<f64> {
     };
     let nearest = 1.0 / (DISTANCE_DIAMETERS.0 * rope.diameter_mm());
     let farthest = 1.0 / (DISTANCE_DIAMETERS.1 * rope.diameter_mm());
-    const GRID: usize = 60;
+    const GRID: usize = 30;
     let at = |k: usize| farthest + (nearest - farthest) * k as f64 / GRID as f64;
     let (best, _) = (0..=GRID).map(|k| (k, agreement(at(k)))).max_by(|a, b| a.1.total_cmp(&b.1))?;
     if best == 0 || best == GRID {
         return None;
     }
-    let (mut low, mut high) = (at(best - 1), at(best + 1));
-    for _ in 0..24 {
-        let third = (high - low) / 3.0;
-        if agreement(low + third) > agreement(high - third) { high -= third } else { low += third }
-    }
-    Some(2.0 / (low + high))
+    Some(1.0 / peak(&agreement, at(best - 1), at(best + 1)))
 }
 
 #[cfg(test)]

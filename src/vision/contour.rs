@@ -60,19 +60,23 @@ const CHECK_EVERY: usize = 200;
 const MEDIAN_LINES: usize = 4;
 
 fn median_filtered(edges: &[f32]) -> Vec<f32> {
-    let mut window = Vec::with_capacity(2 * MEDIAN_LINES + 1);
-    (0..edges.len())
-        .map(|k| {
-            if edges[k].is_nan() {
-                return f32::NAN;
-            }
-            window.clear();
-            let near = &edges[k.saturating_sub(MEDIAN_LINES)..(k + MEDIAN_LINES + 1).min(edges.len())];
-            window.extend(near.iter().copied().filter(|e| e.is_finite()));
-            let middle = window.len() / 2;
-            *window.select_nth_unstable_by(middle, f32::total_cmp).1
-        })
-        .collect()
+    // The known edges near a line, sorted: from line to line one comes in and one goes.
+    let mut near: Vec<f32> = Vec::with_capacity(2 * MEDIAN_LINES + 2);
+    let place = |near: &[f32], edge: f32| near.iter().filter(|&&other| other < edge).count();
+    let known = |line: usize| edges.get(line).copied().filter(|edge| edge.is_finite());
+    let mut filtered = Vec::with_capacity(edges.len());
+    for coming in 0..edges.len() + MEDIAN_LINES {
+        if let Some(edge) = known(coming) {
+            near.insert(place(&near, edge), edge);
+        }
+        if let Some(edge) = coming.checked_sub(2 * MEDIAN_LINES + 1).and_then(known) {
+            near.remove(place(&near, edge));
+        }
+        if let Some(line) = coming.checked_sub(MEDIAN_LINES) {
+            filtered.push(known(line).map_or(f32::NAN, |_| near[near.len() / 2]));
+        }
+    }
+    filtered
 }
 
 /// Moves edges that are those of shadows to where the rope begins.

@@ -1,17 +1,21 @@
 //! Smoothed courses of the strands and their wires over consecutive stretches.
 
 use super::aligner::{AlignerSpec, Measured};
+use super::encoder::{EncoderCourse, EncoderEvidence};
 use super::estimates::measured_rate;
-use super::smoothing::{Course, CoursePrior, Measurement, Observation, smooth, smooth_together};
+use super::smoothing::{Chain, Course, CoursePrior, Measurement, Observation, smooth};
 use super::stretch::fuse;
-use super::wire_tracking::WirePrediction;
+use super::wire_prediction::WirePrediction;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Change of the strands' rate along the rope: spectral density times the cube of the rope diameter, in rad^2. Deviations of
 /// a few hundredths of a rad over a few rope diameters are usual.
 const STRAND_WANDER: f64 = 1e-4;
 /// The same for wires, in strand diameters: they keep their lay much better.
-const WIRE_WANDER: f64 = 5e-6;
+const WIRE_WANDER: f64 = 1e-6;
+/// And where the encoder's error is not taken out of them.
+const WIRE_WANDER_WITH_ENCODER: f64 = 5e-6;
 
 pub(super) fn strand_prior(spec: &AlignerSpec, rate_rad_per_mm: f64) -> CoursePrior {
     CoursePrior {
@@ -23,9 +27,10 @@ pub(super) fn strand_prior(spec: &AlignerSpec, rate_rad_per_mm: f64) -> CoursePr
 }
 
 pub(super) fn wire_prior(spec: &AlignerSpec, rate_rad_per_mm: f64) -> CoursePrior {
+    let wander = if spec.sees_all_round() { WIRE_WANDER } else { WIRE_WANDER_WITH_ENCODER };
     CoursePrior {
         spacing_mm: spec.knot_lines as f64 * spec.pitch_mm,
-        wander: WIRE_WANDER / (8.0 * spec.rope.strand_radius_mm().powi(3) * 8.0),
+        wander: wander / (8.0 * spec.rope.strand_radius_mm().powi(3) * 8.0),
         rate_rad_per_mm,
         rate_sd: 0.05 * rate_rad_per_mm.abs(),
     }
@@ -75,21 +80,57 @@ pub(super) struct StrandCourses {
     pub wires: Option<Course>,
 }
 
-/// Smoothed courses of every strand and its wires over consecutive stretches; `view`: only what that view saw.
+/// What several views together say of the strands and their wires, and of the encoder.
+#[derive(Debug, Clone, Default)]
+pub(super) struct JointCourses {
+    pub strands: Vec<StrandCourses>,
+    /// Absent where no strand's wires are known.
+    pub encoder: Option<Arc<EncoderCourse>>,
+}
+
+/// Smoothed courses of every strand and its wires over consecutive stretches, with the encoder's error that they share; `known` is
+/// what earlier rope said of that.
 ///
-/// Both are solved for together: where a strand stands decides where its wires seem to be, and wires, which keep their lay
-/// better than strands their places, tell where the strand stands.
+/// Strands and wires are solved for together: where a strand stands decides where its wires seem to be, and wires, which keep their
+/// lay better than strands their places, tell where the strand stands.
 pub(super) fn joint_courses(
+    spec: &AlignerSpec,
+    window: &[&Measured],
+    known: &EncoderEvidence,
+    wire_rates: impl Fn(usize) -> Option<f64>,
+) -> JointCourses {
+    let chains = chains(spec, window, None, wire_rates);
+    let solved: Vec<&Chain<4>> = chains.iter().flatten().collect();
+    // Over the gaps between passes an encoder's error would pass for another count of the wires.
+    let encoder = if spec.sees_all_round() { EncoderCourse::estimate(&solved, known).map(Arc::new) } else { None };
+    JointCourses { strands: courses_of(spec, window, None, chains, encoder.as_ref()), encoder }
+}
+
+/// The same as one view saw them, the encoder's error being that of all together.
+pub(super) fn courses_of_view(
+    spec: &AlignerSpec,
+    window: &[&Measured],
+    view: usize,
+    encoder: Option<&Arc<EncoderCourse>>,
+    wire_rates: impl Fn(usize) -> Option<f64>,
+) -> Vec<StrandCourses> {
+    courses_of(spec, window, Some(view), chains(spec, window, Some(view), wire_rates), encoder)
+}
+
+fn straight_rate(window: &[&Measured]) -> Option<f64> {
+    window.iter().find_map(|m| m.reference.as_ref()).map(|r| r.rate_rad_per_mm)
+}
+
+/// Every strand with its wires, where these are known; `view`: only what that view saw.
+fn chains(
     spec: &AlignerSpec,
     window: &[&Measured],
     view: Option<usize>,
     wire_rates: impl Fn(usize) -> Option<f64>,
-) -> Vec<StrandCourses> {
+) -> Vec<Option<Chain<4>>> {
     let n = spec.rope.strands();
     let wanted = |v: usize| view.is_none_or(|only| only == v);
-    let Some(rate) = window.iter().find_map(|m| m.reference.as_ref()).map(|r| r.rate_rad_per_mm) else {
-        return vec![StrandCourses::default(); n];
-    };
+    let Some(rate) = straight_rate(window) else { return (0..n).map(|_| None).collect() };
     let joint = |j: usize, wire_rate: f64| {
         let mut observations: Vec<Observation<4>> = Vec::new();
         for m in window {
@@ -104,25 +145,36 @@ pub(super) fn joint_courses(
                 observations.push(observation);
             }
         }
-        smooth_together(&observations, &[strand_prior(spec, rate), wire_prior(spec, wire_rate)])
+        Chain::new(observations, &[strand_prior(spec, rate), wire_prior(spec, wire_rate)])
     };
     let seen_wires = |j: usize| {
         let views = window.iter().flat_map(|m| m.wires.iter().enumerate().filter(|(v, _)| wanted(*v)));
         views.flat_map(|(_, w)| &w[j]).filter(|knot| knot.measured.information > 0.0).count() >= 2
     };
     let rates: Vec<Option<f64>> = (0..n).map(|j| wire_rates(j).filter(|_| seen_wires(j))).collect();
-    let together: Vec<_> =
-        rates.into_par_iter().enumerate().map(|(j, wire_rate)| wire_rate.and_then(|rate| joint(j, rate))).collect();
+    rates.into_par_iter().enumerate().map(|(j, wire_rate)| wire_rate.and_then(|rate| joint(j, rate))).collect()
+}
+
+fn courses_of(
+    spec: &AlignerSpec,
+    window: &[&Measured],
+    view: Option<usize>,
+    chains: Vec<Option<Chain<4>>>,
+    encoder: Option<&Arc<EncoderCourse>>,
+) -> Vec<StrandCourses> {
     let mut alone = None;
+    let mut alone_of = |j: usize| {
+        let rate = straight_rate(window)?;
+        alone.get_or_insert_with(|| strand_courses(spec, window, view, rate))[j].take()
+    };
+    let together: Vec<Option<Vec<Course>>> =
+        chains.into_par_iter().map(|chain| chain.map(|chain| chain.courses(encoder))).collect();
     together
         .into_iter()
         .enumerate()
         .map(|(j, courses)| match courses {
             Some(mut courses) => StrandCourses { wires: courses.pop(), strand: courses.pop() },
-            None => {
-                let strands = alone.get_or_insert_with(|| strand_courses(spec, window, view, rate));
-                StrandCourses { strand: strands[j].take(), wires: None }
-            }
+            None => StrandCourses { strand: alone_of(j), wires: None },
         })
         .collect()
 }
@@ -131,18 +183,20 @@ pub(super) fn joint_courses(
 pub(super) fn predict_wires(
     spec: &AlignerSpec,
     window: &[&Measured],
+    known: &EncoderEvidence,
     now: &[Option<WirePrediction>],
 ) -> Vec<Option<WirePrediction>> {
     let contiguous = match window.split_last() {
         Some((last, before)) => with(before, last),
         None => return now.to_vec(),
     };
-    let courses = joint_courses(spec, &contiguous, None, |j| {
+    let courses = joint_courses(spec, &contiguous, known, |j| {
         contiguous.last().and_then(|m| measured_rate(spec, m, j)).or(now[j].map(|p| p.rate_rad_per_mm))
     });
     let Some(last) = contiguous.last() else { return now.to_vec() };
     let grid = last.grid(spec);
     courses
+        .strands
         .iter()
         .zip(now)
         .map(|(course, now)| match &course.wires {

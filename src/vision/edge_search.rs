@@ -39,10 +39,10 @@ pub(super) fn coarse_edges(image: &GrayImage, line: usize, body: f32, hint_px: O
     let mut mean = vec![0.0f32; width];
     let mut squares = vec![0.0f32; width];
     for row in from..to {
-        for (column, &gray) in image.line(row).iter().enumerate() {
+        for ((mean, squares), &gray) in mean.iter_mut().zip(&mut squares).zip(image.line(row)) {
             let gray = f32::from(gray);
-            mean[column] += gray;
-            squares[column] += gray * gray;
+            *mean += gray;
+            *squares += gray * gray;
         }
     }
     for (m, s) in mean.iter_mut().zip(&mut squares) {

@@ -7,11 +7,14 @@
 use super::edge_search::{BODY_SHARE, LEAST_CONTRAST, SEARCH_EVERY, SIGNIFICANT_SD};
 
 /// Half width of the window in which an edge is followed, in px. Strand outlines move by less than 1 px a line, wire ends jump.
-const WINDOW_PX: isize = 14;
+const WINDOW_PX: usize = 14;
 /// Pixels inside the edge over which the rope's own brightness is taken.
-const INSIDE_PX: isize = 8;
+const INSIDE_PX: usize = 8;
 /// Pixels outside the window over which the background is taken.
-const BACKGROUND_PX: isize = 10;
+const BACKGROUND_PX: usize = 10;
+/// Pixels outside the middle of the window that are looked at, and all.
+const OUTSIDE_PX: usize = BACKGROUND_PX + WINDOW_PX;
+const SEEN_PX: usize = OUTSIDE_PX + WINDOW_PX + INSIDE_PX;
 /// Lines over which the background is averaged, as a recursive filter.
 const BACKGROUND_LINES: f32 = 24.0;
 
@@ -92,30 +95,23 @@ impl EdgeTracker {
     fn refine(&mut self, line: &[u8]) -> Option<f32> {
         let width = line.len() as isize;
         let centre = self.edge_px.round() as isize;
-        // `at(k)`: the gray value k px inside the centre of the window.
-        let at = |k: isize| {
-            let column = centre + k * self.inward;
-            (0..width).contains(&column).then(|| f32::from(line[column as usize]))
-        };
-        let mut sum = 0.0;
-        let mut squares = 0.0;
-        let mut n = 0.0;
-        for k in -(WINDOW_PX + BACKGROUND_PX)..-WINDOW_PX {
-            if let Some(gray) = at(k) {
-                sum += gray;
-                squares += gray * gray;
-                n += 1.0;
-            }
+        // Gray values of the window and its surroundings from outside to inside; NaN beyond the image, which compares false.
+        let mut gray = [f32::NAN; SEEN_PX];
+        let first = centre - if self.inward > 0 { OUTSIDE_PX } else { SEEN_PX - 1 - OUTSIDE_PX } as isize;
+        let seen = first.clamp(0, width)..(first + SEEN_PX as isize).clamp(0, width);
+        let known = gray.iter_mut().skip((seen.start - first) as usize);
+        known.zip(&line[seen.start as usize..seen.end as usize]).for_each(|(gray, &seen)| *gray = f32::from(seen));
+        if self.inward < 0 {
+            gray.reverse();
         }
+        let moments = |gray: &[f32]| {
+            let known = gray.iter().filter(|gray| gray.is_finite());
+            known.fold((0.0, 0.0, 0.0), |(n, sum, squares), gray| (n + 1.0, sum + gray, squares + gray * gray))
+        };
+        let (mut n, mut sum, mut squares) = moments(&gray[..BACKGROUND_PX]);
         if n < 3.0 {
             // The window touches the border: what little lies outside the edge is the background.
-            for k in -WINDOW_PX..-2 {
-                if let Some(gray) = at(k) {
-                    sum += gray;
-                    squares += gray * gray;
-                    n += 1.0;
-                }
-            }
+            (n, sum, squares) = moments(&gray[..OUTSIDE_PX - 2]);
         }
         if n < 2.0 {
             return None; // the rope runs out of the image
@@ -129,17 +125,16 @@ impl EdgeTracker {
             self.variance += (variance - self.variance) / BACKGROUND_LINES;
         }
         let least = (SIGNIFICANT_SD * self.variance.sqrt()).max(LEAST_CONTRAST).max(BODY_SHARE * self.body);
-        let difference = |k: isize| at(k).map(|gray| (gray - self.background).abs());
+        let difference = gray.map(|gray| (gray - self.background).abs());
         // First significant pixel from outside whose neighbourhood inside is significant too: not a speck.
-        let first = (-WINDOW_PX..=WINDOW_PX).find(|&k| {
-            difference(k).is_some_and(|d| d > least)
-                && (1..=4).filter(|&m| difference(k + m).is_some_and(|d| d > least)).count() >= 3
-        })?;
-        let inside = (0..INSIDE_PX).filter_map(|m| difference(first + m)).fold(0.0, f32::max);
+        let is_speck = |k: usize| difference[k + 1..k + 5].iter().filter(|d| **d > least).count() < 3;
+        let first = (BACKGROUND_PX..=OUTSIDE_PX + WINDOW_PX).find(|&k| difference[k] > least && !is_speck(k))?;
+        let inside = difference[first..first + INSIDE_PX].iter().copied().fold(0.0, f32::max);
         let level = (inside / 2.0).max(least * 0.75);
-        let crossing = (first - 2..first + INSIDE_PX).find(|&k| difference(k).is_some_and(|d| d >= level))?;
-        let (outer, inner) = (difference(crossing - 1)?, difference(crossing)?);
+        let crossing = (first - 2..first + INSIDE_PX).find(|&k| difference[k] >= level)?;
+        let (outer, inner) = (difference[crossing - 1], difference[crossing]);
         let fraction = if inner > outer { ((level - outer) / (inner - outer)).clamp(0.0, 1.0) } else { 1.0 };
-        Some(centre as f32 + self.inward as f32 * ((crossing - 1) as f32 + fraction))
+        let inwards = crossing as f32 - 1.0 + fraction - OUTSIDE_PX as f32;
+        (!outer.is_nan()).then_some(centre as f32 + self.inward as f32 * inwards)
     }
 }

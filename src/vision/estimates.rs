@@ -1,7 +1,7 @@
 //! Lay lengths, phases and diameter of a stretch, each with its uncertainty, or the reason why there is none.
 
 use super::aligner::{AlignerSpec, Measured, Views};
-use super::courses::{StrandCourses, joint_courses};
+use super::courses::{JointCourses, StrandCourses, courses_of_view, joint_courses};
 use super::smoothing::Course;
 use super::wire_tracking::coherence;
 use rayon::prelude::*;
@@ -76,10 +76,13 @@ pub struct Estimates {
     pub diameter_mm: Option<f64>,
 }
 
+/// What a stretch leaves of what those before it said of the encoder.
+const ENCODER_FADING: f64 = 0.97;
+
 /// Estimates the stretch `at` of a window of measured stretches.
 pub(super) fn estimate(
     spec: &AlignerSpec,
-    views: &Views,
+    views: &mut Views,
     window: &[&Measured],
     at: usize,
 ) -> Result<Estimates, NotAligned> {
@@ -93,7 +96,11 @@ pub(super) fn estimate(
     let n = spec.rope.strands();
     let knots = first_knot..first_knot + here.knots(spec);
     let rates: Vec<Option<f64>> = (0..n).map(|j| measured_rate(spec, here, j)).collect();
-    let fused_courses = joint_courses(spec, window, None, |j| rates[j]);
+    let JointCourses { strands: fused_courses, encoder } = joint_courses(spec, window, &views.encoder, |j| rates[j]);
+    if let Some(encoder) = &encoder {
+        let looked_at: usize = window.iter().map(|m| m.knots(spec)).sum();
+        views.encoder.learn(&encoder.evidence, ENCODER_FADING, knots.len() as f64 / looked_at as f64);
+    }
     let step = spec.rope.strand_step_rad();
     let mut strand_phases_rad = Vec::with_capacity(knots.len() * n);
     let mut wire_phases_rad = Vec::with_capacity(knots.len() * n);
@@ -125,16 +132,22 @@ pub(super) fn estimate(
             })
             .collect(),
     };
-    let fused = of(&fused_courses, None);
-    let per_view = (0..here.views.len())
+    let mut fused = of(&fused_courses, None);
+    let mut per_view: Vec<StretchEstimate> = (0..here.views.len())
         .into_par_iter()
         .map(|v| {
             if here.strands.views.get(v).is_none_or(|knots| knots.iter().all(|m| m.information <= 0.0)) {
                 return StretchEstimate { strand: None, wires: vec![None; n] };
             }
-            of(&joint_courses(spec, window, Some(v), |j| rates[j]), Some(v))
+            of(&courses_of_view(spec, window, v, encoder.as_ref(), |j| rates[j]), Some(v))
         })
         .collect();
+    if let Some(strand) = &mut fused.strand {
+        views.agreement.learn(strand, per_view.iter().filter_map(|view| view.strand.as_ref()));
+        let scale = views.agreement.scale();
+        strand.lay_sd_mm *= scale;
+        per_view.iter_mut().filter_map(|view| view.strand.as_mut()).for_each(|strand| strand.lay_sd_mm *= scale);
+    }
     let mut spread = 0.0;
     for row in strand_phases_rad.chunks_exact(n) {
         let mean = row.iter().enumerate().map(|(j, p)| p - j as f64 * step).sum::<f64>() / n as f64;
@@ -206,7 +219,8 @@ fn strand_estimate(
     }
     let n = known.len() as f64;
     let slope = known.iter().map(|(_, c)| c.slope_rad_per_mm(knots.clone())).sum::<f64>() / n;
-    let variance = known.iter().map(|(_, c)| c.slope_variance(knots.clone())).sum::<f64>() / (n * n);
+    let courses: Vec<&Course> = known.iter().map(|(_, course)| *course).collect();
+    let variance = Course::mean_slope_variance(&courses, knots.clone());
     let phase_rad =
         known.iter().map(|(j, c)| interpolate(c, knots, first_mm, middle_mm, spec) - *j as f64 * step_rad).sum::<f64>()
             / n;

@@ -130,7 +130,7 @@ impl Evidence {
         let (blocks, strands, places) = (residuals.blocks, residuals.strands, residuals.places);
         let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places, FACTOR_LENGTHS_MM);
         residuals.for_each(factor, pitch_mm, |at, cell, bin| {
-            let score = factor.score(appearance, cell, bin);
+            let score = appearance.above(cell, bin);
             if score.is_finite() {
                 evidence.set(at, score, 1.0, region(cell)); // once a place
             }

@@ -14,6 +14,8 @@ pub const CELLS: usize = STRAND_BINS * WIRE_BINS * DISTANCE_BINS;
 /// Standard deviations of the Gaussian window along (gray, strand phase, wire phase, distance), in bins: the diagonal of eq. 19.
 /// Chosen by held-out likelihood on simulated ropes; gray is the widest, as in the paper.
 pub const SIGMA_BINS: [f32; 4] = [1.2, 1.0, 0.8, 0.5];
+/// The same for further factors, of which there is one value where there are thirty gray values.
+pub const FACTOR_SIGMA_BINS: [f32; 4] = [1.2, 2.0, 1.6, 1.0];
 
 /// Counts n_i of eq. 18, `counts[cell * GRAY_BINS + gray]`; cells run over strand phase, wire phase, distance (fastest).
 #[derive(Debug, Clone, PartialEq)]
@@ -25,6 +27,17 @@ impl Default for Histogram {
     fn default() -> Self {
         Self { counts: vec![0.0; CELLS * GRAY_BINS] }
     }
+}
+
+/// A surface point theta in bins of its three axes, not rounded: the middle of the first bin is at 0.5. [Wacker13, eq. 16-17]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Theta {
+    /// Along the strand phases in view.
+    pub strand: f32,
+    /// Along the wire phases in view.
+    pub wire: f32,
+    /// Along the distances to the wire's centre line.
+    pub distance: f32,
 }
 
 /// Index of a surface cell.

@@ -5,7 +5,7 @@ use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
 use super::factor::FACTORS;
-use super::histogram::Histogram;
+use super::histogram::{FACTOR_SIGMA_BINS, Histogram};
 use super::residuals::Residuals;
 use super::rope::Rope;
 use super::scoring::{CalibrationSums, FilterCalibration, StretchScores, score};
@@ -83,7 +83,7 @@ impl ViewAppearance {
     /// Joins the learnt factors; they are not calibrated yet.
     pub fn new(gray: Appearance, histograms: &[Histogram]) -> Self {
         let uncalibrated = |appearance| LearntFactor { appearance, calibration: Vec::new() };
-        let further = histograms.iter().map(Appearance::learn);
+        let further = histograms.iter().map(|histogram| Appearance::learn(histogram, FACTOR_SIGMA_BINS));
         Self { factors: std::iter::once(gray).chain(further).map(uncalibrated).collect() }
     }
 

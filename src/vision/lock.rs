@@ -1,9 +1,11 @@
 //! Finds a rope in a few gathered stretches: strands by their contours, then camera, template, each strand's course, wires.
 
+use super::agreement::Agreement;
 use super::aligner::{AlignerSpec, Measured, Views};
 use super::camera::Camera;
 use super::camera_distance::{ContourHarmonics, DEFAULT_DISTANCE_DIAMETERS, estimate};
 use super::courses::strand_courses;
+use super::encoder::EncoderEvidence;
 use super::fitting::fit_from;
 use super::measuring::measure;
 use super::model_contour::ModelContour;
@@ -14,10 +16,11 @@ use super::smoothing::Measurement;
 use super::stretch::{Reference, ViewModel};
 use super::surface::Outlines;
 use super::template::{Template, TemplateSums};
-use super::unwrapping::{LINE_STRIDE, StripeTable};
+use super::unwrapping::StripeTable;
 use super::wire_lock::{learn_patterns, lock_wires};
 use super::wire_pattern::PatternSums;
-use super::wire_tracking::{StripeShift, WirePrediction};
+use super::wire_prediction::WirePrediction;
+use super::wire_tracking::StripeShift;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -93,7 +96,9 @@ fn first_views(spec: &AlignerSpec, gathered: &[Measured]) -> Views {
         models,
         wire_noise_scale: 1.0,
         shared_axis: SharedAxis::default(),
-        table: StripeTable::new(spec.rope.wires()),
+        encoder: EncoderEvidence::default(),
+        agreement: Agreement::default(),
+        table: StripeTable::new(spec.rope.wires(), spec.reading_lines),
         diameter_mm: spec.rope.diameter_mm(),
     }
 }
@@ -232,7 +237,7 @@ fn first_templates(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measur
             if view.image.lines() > 0 && view.usable() {
                 let phase = |line: usize| model.camera.phase_in_view(reference.average_phase_rad(&spec.rope, line));
                 let remover = reference.wires_remover(&spec.rope, model);
-                sums.add(&spec.rope, &view.image, &view.axis_px, LINE_STRIDE, phase, remover);
+                sums.add(&spec.rope, &view.image, &view.axis_px, spec.reading_lines, phase, remover);
             }
         }
         model.template = Template::new(&spec.rope, &model.camera, sums);

@@ -4,15 +4,20 @@ use super::aligner::{AlignerSpec, LEAST_FOUND, Measured, Views};
 use super::camera::Camera;
 use super::courses::{StrandCourses, strand_courses, with};
 use super::outline_detail::OutlineDetail;
+use super::shade::Shade;
 use super::smoothing::Course;
 use super::stretch::{Reference, ViewStretch, register_views, strand_knots};
-use super::unwrapping::{LINE_STRIDE, Stripes, read_stripes};
+use super::unwrapping::{FARTHEST_RAD, Stripes, read_stripes};
 use super::wire_lock::{LEAST_COHERENCE, search_wires};
 use super::wire_pattern::WirePattern;
-use super::wire_tracking::{WireKnot, WirePrediction, readings, wire_knots};
+use super::wire_prediction::WirePrediction;
+use super::wire_tracking::{WireKnot, readings, wire_knots};
 use rayon::prelude::*;
 
-/// Measures each strand's course through a stretch that was fitted: two rounds of registration.
+/// Where deviations are only found to start from, one of so many lines is looked at.
+const THINNED: usize = 2;
+
+/// Measures each strand's course through a stretch that was fitted: two rounds of registration to start from, one to measure.
 ///
 /// `wires` are where the wires are expected; their pattern is taken out of the image where it is known.
 pub(super) fn measure(
@@ -39,12 +44,12 @@ pub(super) fn measure(
     });
     join_axes(views, seen);
     let knots = reference.knots();
-    for _ in 0..2 {
-        let sums = register_views(rope, &views.models, &seen.views, &reference);
+    for thinned in [THINNED, THINNED, 1] {
+        let sums = register_views(rope, &views.models, &seen.views, &reference, thinned);
+        seen.strands = strand_knots(rope, &views.models, &sums, &reference);
         if sums.iter().all(Vec::is_empty) {
             break;
         }
-        seen.strands = strand_knots(rope, &views.models, &sums, &reference);
         let courses = strand_courses(spec, &with(before, seen), None, fit.rate_rad_per_mm);
         for k in 0..knots {
             let mean = reference.mean_phase_rad(reference.knot_middle(k));
@@ -56,8 +61,6 @@ pub(super) fn measure(
             }
         }
     }
-    let sums = register_views(rope, &views.models, &seen.views, &reference);
-    seen.strands = strand_knots(rope, &views.models, &sums, &reference);
     seen.reference = Some(reference);
 }
 
@@ -72,9 +75,13 @@ fn join_axes(views: &mut Views, seen: &mut Measured) {
     }
 }
 
-/// Reads the wires' stripes of a stretch whose strands were measured.
-pub(super) fn read_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measured) {
+/// Reads the wires' stripes of a stretch whose strands were measured; `wires` are where the wires are expected, as far as that is known.
+pub(super) fn read_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measured, wires: &[Option<WirePrediction>]) {
     let Some(reference) = &seen.reference else { return };
+    let known: Vec<f64> = wires.iter().flatten().map(|wire| wire.rate_rad_per_mm.abs()).collect();
+    let wire_rate =
+        (!known.is_empty() && spec.sees_all_round()).then(|| known.iter().sum::<f64>() / known.len() as f64);
+    let wire_turns = wire_rate.map(|rate| rate / reference.rate_rad_per_mm);
     seen.stripes = views
         .models
         .par_iter()
@@ -82,8 +89,9 @@ pub(super) fn read_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measured)
         .map(|(model, view)| match (&model.template, view.usable()) {
             (Some(template), true) => {
                 let phases = |line: usize, out: &mut [f64]| reference.phases_rad(&spec.rope, line, out);
+                let shade = Shade::new(&spec.rope, template, wire_turns, FARTHEST_RAD);
                 let (outlines, table) = (&model.outlines, &views.table);
-                read_stripes(&spec.rope, outlines, template, table, &view.image, &view.axis_px, phases)
+                read_stripes(&spec.rope, outlines, &shade, table, &view.image, &view.axis_px, phases)
             }
             _ => Stripes::default(),
         })
@@ -99,7 +107,8 @@ pub(super) fn learn_template(spec: &AlignerSpec, views: &mut Views, seen: &Measu
             sums.fade(0.9);
             let angle = model.camera.angle_rad;
             let phase = |line: usize| reference.average_phase_rad(rope, line) - angle;
-            sums.add(rope, &view.image, &view.axis_px, 2 * LINE_STRIDE, phase, reference.wires_remover(rope, model));
+            let (stride, remover) = (2 * spec.reading_lines, reference.wires_remover(rope, model));
+            sums.add(rope, &view.image, &view.axis_px, stride, phase, remover);
             if let Some(template) = super::template::Template::new(rope, &model.camera, sums) {
                 model.template = Some(template);
             }
@@ -136,7 +145,8 @@ pub(super) fn learn_pattern(
     }
     views.models.par_iter().zip(&mut views.pattern_sums).zip(&seen.views).for_each(|((model, sums), view)| {
         if let (Some(template), true) = (&model.template, view.usable()) {
-            sums.add(&spec.rope, template, model.camera.angle_rad, &view.image, &view.axis_px, LINE_STRIDE, phases);
+            let (angle_rad, stride) = (model.camera.angle_rad, spec.reading_lines);
+            sums.add(&spec.rope, template, angle_rad, &view.image, &view.axis_px, stride, phases);
         }
     });
 }

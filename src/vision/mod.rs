@@ -25,7 +25,7 @@
 //! | theta = (phi_s, phi_w, d') | `cell` of a [`SurfacePoint`](surface_map::SurfacePoint); d' as a share of the wire step | 1 |
 //! | p(g, theta), Sigma (eq. 18-19) | [`Histogram::smoothed`](histogram::Histogram::smoothed), `SIGMA_BINS` | 1, bins |
 //! | p(g given theta) (eq. 20) | [`Appearance::likelihood`](appearance::Appearance::likelihood) | of uniform |
-//! | R_k, epsilon, normalised p (eq. 21-22) | `REGION_BINS`, `EPSILON`, [`Appearance::score`](appearance::Appearance::score) | 1, 1, sd |
+//! | R_k, epsilon, normalised p (eq. 21-22) | `REGION_BINS`, `EPSILON`, [`Appearance::scores`](appearance::Appearance::scores) | 1, 1, sd |
 //!
 //! Axes: y = r sin(phase), z = -r cos(phase), x along the rope; view 0 looks along +z.
 //!
@@ -58,14 +58,17 @@
 //! The wires:
 //! - [`wire_alignment`]: the paper's way, exact and slow: the reference (eq. 14)
 //! - [`unwrapping`]: wires as stripes on the unrolled strand: the fast way
+//! - [`shade`]: what they are read against
+//! - [`wire_prediction`]: where they are expected
 //! - [`wire_tracking`]: the stripes followed along the rope
 //! - [`wire_pattern`]: what wires add to the look of the strands
 //!
 //! The loop: stretches in, estimates out:
 //! - [`stretch`]: a stretch of rope in all views, and what is measured in it
 //! - `lock`: finding the rope in the first stretches
+//! - `courses`: strands and their wires solved for together; `encoder`: what the line counter gets wrong
 //! - [`aligner`]: stretch after stretch
-//! - [`estimates`]: lay lengths with their uncertainty, or why there are none
+//! - [`estimates`]: lay lengths with their uncertainty, or why there are none; `agreement`: whether the views bear it out
 //!
 //! The appearance:
 //! - [`surface_map`]: theta of every pixel (eq. 16-17)
@@ -76,11 +79,14 @@
 //! The defects:
 //! - [`evidence`]: scores summed along the wires
 //! - [`scoring`]: sums made comparable
+//! - [`lasting`]: what is rare because it lasts
 //! - [`tail`]: where an alarm begins
 //! - [`defects`]: alarms of one cause, merged
 
+mod agreement;
 pub mod aligner;
 pub mod appearance;
+mod banded;
 pub mod camera;
 pub mod camera_distance;
 pub mod contour;
@@ -90,6 +96,7 @@ pub mod displacement;
 mod edge_search;
 mod edge_strip;
 mod edge_tracker;
+mod encoder;
 pub mod estimates;
 pub mod evidence;
 pub mod factor;
@@ -99,6 +106,7 @@ pub mod histogram;
 pub mod image;
 pub mod inspection_model;
 pub mod kind;
+pub mod lasting;
 mod lock;
 mod measuring;
 pub mod model_contour;
@@ -109,6 +117,7 @@ pub mod residuals;
 pub mod rope;
 pub mod scoring;
 mod self_likeness;
+pub mod shade;
 mod shadow;
 mod shadowed_edge;
 pub mod shared_axis;
@@ -128,4 +137,5 @@ pub mod wire_alignment;
 pub mod wire_count;
 mod wire_lock;
 pub mod wire_pattern;
+pub mod wire_prediction;
 pub mod wire_tracking;

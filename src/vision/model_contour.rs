@@ -3,6 +3,7 @@
 use super::camera::Camera;
 use super::rope::Rope;
 use super::strand::on_circle;
+use super::surface::fraction;
 
 /// Bins of one strand step in the tables; the outline is smooth, so linear interpolation between them is exact to 1e-4 px.
 const BINS: usize = 512;
@@ -32,21 +33,31 @@ impl ModelContour {
         Self { step_rad, edges_px: (0..=BINS).map(outline).collect() }
     }
 
+    /// Entries before and after a phase, and what share of the way between them it is.
+    #[inline]
+    fn about(&self, phase_in_view_rad: f64) -> ((f64, f64), (f64, f64), f64) {
+        let at = fraction(phase_in_view_rad / self.step_rad) * BINS as f64;
+        let bin = (at as usize).min(BINS - 1);
+        (self.edges_px[bin], self.edges_px[bin + 1], at - bin as f64)
+    }
+
     /// Columns of the lower and the upper outline (mc^l, mc^u), counted from the rope axis, for the phase of any strand in this view.
     #[inline]
     pub fn edges_px(&self, phase_in_view_rad: f64) -> (f64, f64) {
-        let steps = phase_in_view_rad / self.step_rad;
-        let at = (steps - steps.floor()) * BINS as f64;
-        let bin = (at as usize).min(BINS - 1);
-        let share = at - bin as f64;
-        let ((lower, upper), (next_lower, next_upper)) = (self.edges_px[bin], self.edges_px[bin + 1]);
+        let ((lower, upper), (next_lower, next_upper), share) = self.about(phase_in_view_rad);
         (lower + (next_lower - lower) * share, upper + (next_upper - upper) * share)
     }
 
     /// One of them, by the number of its side: 0 is the upper, 1 the lower.
     pub fn edge_px(&self, side: usize, phase_in_view_rad: f64) -> f64 {
-        let (lower, upper) = self.edges_px(phase_in_view_rad);
-        [upper, lower][side]
+        self.edge_and_slope(side, phase_in_view_rad).0
+    }
+
+    /// One of them, and how it moves with the phase, in px per rad.
+    pub fn edge_and_slope(&self, side: usize, phase_in_view_rad: f64) -> (f64, f64) {
+        let (here, next, share) = self.about(phase_in_view_rad);
+        let (here, next) = if side == 0 { (here.1, next.1) } else { (here.0, next.0) };
+        (here + (next - here) * share, (next - here) * (BINS as f64 / self.step_rad))
     }
 
     /// Width of the outline.

@@ -8,6 +8,7 @@ use super::contour::Contours;
 use super::model_contour::ModelContour;
 use super::registration::{CONTOUR_CUT_PX, SIDES_RAD, strand_at_side};
 use super::rope::Rope;
+use super::surface::fraction;
 
 /// Harmonics of the wire period that are kept: bumps of round wires have sharp valleys between them.
 const HARMONICS: usize = 3;
@@ -47,7 +48,7 @@ impl Default for SideSums {
 
 /// Where a phase within the strand step falls into the bins.
 fn bin(rope: &Rope, phase_in_view_rad: f64) -> usize {
-    (((phase_in_view_rad / rope.strand_step_rad()).rem_euclid(1.0) * BINS as f64) as usize).min(BINS - 1)
+    ((fraction(phase_in_view_rad / rope.strand_step_rad()) * BINS as f64) as usize).min(BINS - 1)
 }
 
 impl DetailSums {

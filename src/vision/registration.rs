@@ -8,6 +8,7 @@ use super::contour::Contours;
 use super::image::GrayImage;
 use super::model_contour::ModelContour;
 use super::rope::Rope;
+use super::surface::rounded;
 use super::template::{Template, normalised_line, phase_bin};
 use super::wire_pattern::{WirePattern, mean_phase};
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -20,6 +21,15 @@ const CONTOUR_STRIDE: usize = 2;
 pub(super) const CUT: f32 = 0.35;
 /// Strands nearer to the outline than this phase are not registered in this view: they are narrow and badly lit.
 const FARTHEST_RAD: f64 = 1.35;
+
+/// Which lines are looked at, and for which knot.
+#[derive(Debug, Clone, Copy)]
+pub struct Knots {
+    /// Lines of a knot.
+    pub lines: usize,
+    /// One of so many of the usual lines is looked at.
+    pub thinned: usize,
+}
 
 /// Normal equations of one knot in one view: sums over the knot's pixels.
 #[derive(Debug, Clone, Default)]
@@ -57,19 +67,19 @@ pub fn register(
     angle_rad: f64,
     image: &GrayImage,
     axis_px: &[f32],
-    knot_lines: usize,
+    knots: Knots,
     phases_rad: impl Fn(usize, &mut [f64]),
     wires_rad: impl Fn(usize, &mut [f64]),
 ) -> Vec<KnotSums> {
     let width = template.width();
     let n = rope.strands();
-    let mut knots = vec![KnotSums::default(); image.lines().div_ceil(knot_lines)];
+    let mut sums = vec![KnotSums::default(); image.lines().div_ceil(knots.lines)];
     let mut line = vec![0.0f32; width];
     let mut phases = vec![0.0f64; n];
     let mut wires = vec![f64::NAN; n];
     let mut per_wire_rad = vec![0.0f32; width];
     let step = rope.strand_step_rad();
-    for k in (0..image.lines()).step_by(LINE_STRIDE) {
+    for k in (0..image.lines()).step_by(knots.thinned * LINE_STRIDE) {
         if !normalised_line(image.line(k), axis_px[k], &mut line) {
             continue;
         }
@@ -80,8 +90,8 @@ pub fn register(
         wires_rad(k, &mut wires);
         let steps = (mean - angle_rad) / step;
         let in_bin =
-            ((steps - steps.round() + 0.5) - (bin.row as f64 + 0.5) / super::template::PHASE_BINS as f64) * step;
-        let sums = &mut knots[k / knot_lines];
+            ((steps - rounded(steps) + 0.5) - (bin.row as f64 + 0.5) / super::template::PHASE_BINS as f64) * step;
+        let sums = &mut sums[k / knots.lines];
         let (expected, per_rad) = (template.mean(bin.row), template.per_rad(bin.row));
         for span in template.spans(bin.row) {
             if span.phase_in_view_rad.abs() > FARTHEST_RAD {
@@ -95,47 +105,32 @@ pub fn register(
             } else {
                 per_wire_rad[from..to].fill(0.0);
             }
-            let acc = products(&line[from..to], &expected[from..to], &per_rad[from..to], &per_wire_rad[from..to], own);
-            sums.phase_phase[j] += f64::from(acc[0]);
-            sums.phase_difference[j] += f64::from(acc[1]);
-            sums.squares += f64::from(acc[2]);
-            sums.wire_wire[j] += f64::from(acc[3]);
-            sums.phase_wire[j] += f64::from(acc[4]);
-            sums.wire_difference[j] += f64::from(acc[5]);
+            let (r, g, p) = (&mut line[from..to], &per_rad[from..to], &per_wire_rad[from..to]);
+            for (gray, (mean, g)) in r.iter_mut().zip(expected[from..to].iter().zip(g)) {
+                *gray = (*gray - mean - own * g).clamp(-CUT, CUT);
+            }
+            sums.phase_phase[j] += f64::from(dot(g, g));
+            sums.phase_difference[j] += f64::from(dot(g, r));
+            sums.squares += f64::from(dot(r, r));
+            sums.wire_wire[j] += f64::from(dot(p, p));
+            sums.phase_wire[j] += f64::from(dot(p, g));
+            sums.wire_difference[j] += f64::from(dot(p, r));
             sums.pixels += (to - from) as f64;
         }
     }
-    knots
+    sums
 }
 
 /// Sums that run side by side, so that the processor adds them in one go.
 const LANES: usize = 4;
 
-/// Sums over the pixels of a strand, of products of the derivatives g (per rad), p (per rad of the wires) and the difference r:
-/// gg, gr, rr, pp, pg, pr.
-fn products(line: &[f32], expected: &[f32], per_rad: &[f32], per_wire: &[f32], own_rad: f32) -> [f32; 6] {
-    let mut lanes = [[0.0f32; LANES]; 6];
-    let mut add = |lane: usize, gray: f32, mean: f32, g: f32, p: f32| {
-        let difference = gray - mean - own_rad * g;
-        let cut = if difference > -CUT { difference } else { -CUT };
-        let r = if cut < CUT { cut } else { CUT };
-        for (sums, product) in lanes.iter_mut().zip([g * g, g * r, r * r, p * p, p * g, p * r]) {
-            sums[lane] += product;
-        }
-    };
-    let whole = line.len() - line.len() % LANES;
-    for k in (0..whole).step_by(LANES) {
-        let at = k..k + LANES;
-        let (line, expected) = (&line[at.clone()], &expected[at.clone()]);
-        let (per_rad, per_wire) = (&per_rad[at.clone()], &per_wire[at]);
-        for lane in 0..LANES {
-            add(lane, line[lane], expected[lane], per_rad[lane], per_wire[lane]);
-        }
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let ((fours_a, rest_a), (fours_b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut lanes = [0.0f32; LANES];
+    for (a, b) in fours_a.iter().zip(fours_b) {
+        lanes.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
     }
-    for k in whole..line.len() {
-        add(0, line[k], expected[k], per_rad[k], per_wire[k]);
-    }
-    lanes.map(|sums| sums.iter().sum())
+    lanes.iter().sum::<f32>() + rest_a.iter().zip(rest_b).map(|(a, b)| a * b).sum::<f32>()
 }
 
 /// Contours that are off by more than this, in px, are wire ends or dirt, and are cut.
@@ -147,7 +142,7 @@ pub(super) const SIDES_RAD: [f64; 2] = [FRAC_PI_2, -FRAC_PI_2];
 pub(super) fn strand_at_side(phases_rad: &[f64], angle_rad: f64, side_rad: f64) -> usize {
     let n = phases_rad.len();
     let steps = (angle_rad + side_rad - phases_rad[0]) / (TAU / n as f64);
-    (steps.round() as i64).rem_euclid(n as i64) as usize
+    (rounded(steps) as i64).rem_euclid(n as i64) as usize
 }
 
 /// Adds what the contours know: each shows the strand that stands at its side. `sums` and phases as in [`register`].
@@ -158,17 +153,16 @@ pub fn register_contours(
     angle_rad: f64,
     contours: &Contours,
     axis_px: &[f32],
-    knot_lines: usize,
+    knots: Knots,
     phases_rad: impl Fn(usize, &mut [f64]),
     sums: &mut [KnotSums],
 ) {
     let n = rope.strands();
     let mut phases = vec![0.0f64; n];
-    let step = 1e-3;
     let mut before = [0.0; 2];
-    for k in (0..contours.len()).step_by(CONTOUR_STRIDE) {
+    for k in (0..contours.len()).step_by(knots.thinned * CONTOUR_STRIDE) {
         phases_rad(k, &mut phases);
-        let knot = &mut sums[k / knot_lines];
+        let knot = &mut sums[k / knots.lines];
         let columns = [contours.upper_px[k], contours.lower_px[k]];
         for (side, column) in columns.into_iter().enumerate() {
             if !column.is_finite() {
@@ -177,9 +171,8 @@ pub fn register_contours(
             }
             let j = strand_at_side(&phases, angle_rad, SIDES_RAD[side]);
             let phase = phases[j] - angle_rad;
-            let outline = |p: f64| model.edge_px(side, p);
-            let slope = (outline(phase + step) - outline(phase - step)) / (2.0 * step);
-            let difference = f64::from(column - axis_px[k]) - outline(phase);
+            let (edge, slope) = model.edge_and_slope(side, phase);
+            let difference = f64::from(column - axis_px[k]) - edge;
             let cut = difference.clamp(-CONTOUR_CUT_PX, CONTOUR_CUT_PX);
             knot.contour_phase_phase[j] += slope * slope;
             knot.contour_phase_difference[j] += slope * cut;

@@ -6,7 +6,7 @@ use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
 use super::factor::{Factor, GRAY_LENGTHS_MM};
 use super::grain::{Compared, Grain};
-use super::histogram::region;
+use super::histogram::{GRAY_BINS, region};
 use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
@@ -66,7 +66,7 @@ impl Sums {
 /// A line of the block that is gathered.
 struct Line<'a> {
     row: &'a [u8],
-    bins: &'a [u8; 256],
+    fine: &'a [f32; 256],
     /// How far on it is from the line that was mapped, and how far the axis has moved since.
     lines_on: f32,
     axis_moved_px: f32,
@@ -105,24 +105,27 @@ impl Residuals {
             let seen: Vec<Line<'_>> = of_block
                 .map(|line| Line {
                     row: view.image.line(line),
-                    bins: scale.line(line),
+                    fine: scale.fine(line),
                     lines_on: line as f32 - middle as f32,
                     axis_moved_px: moved_px(middle, line),
                     compared: grain.compared(line).map(|pair| (pair, moved_px(line, pair.line_before))),
                 })
                 .collect();
             map.for_each(middle, view.axis_px[middle], |point| {
-                let (expected, scores) = (gray.expected(point.cell), gray.scores(point.cell));
-                if !expected.is_finite() {
+                let (mean, scores) = (gray.expected(point.cell), gray.scores(point.cell));
+                if mean.is_nan() {
                     return;
                 }
+                let expected = gray.expected_at(point.theta, point.cell);
+                // Scores are those of the cell; the pixel is judged as if it lay in its middle.
+                let to_middle = mean - expected;
                 let mut of_point = Sums { cell: point.cell as u32, ..Sums::default() };
                 for line in &seen {
                     let column = point.column_on(line.lines_on, line.axis_moved_px);
                     let Some(&pixel) = line.row.get(column) else { continue };
-                    let bin = line.bins[usize::from(pixel)];
-                    of_point.score += scores[usize::from(bin)];
-                    of_point.deviation += f32::from(bin) + 0.5 - expected;
+                    let gray = line.fine[usize::from(pixel)];
+                    of_point.score += scores[((gray + to_middle) as usize).min(GRAY_BINS - 1)];
+                    of_point.deviation += gray - expected;
                     of_point.pixels += 1.0;
                     if let Some((pair, axis_moved_px)) = &line.compared
                         && let Some(change) = pair.along(column, axis_moved_px - lag_lines * point.slope_px)
@@ -174,10 +177,11 @@ impl Residuals {
             let along = column * self.blocks..(column + 1) * self.blocks;
             let first_of_wire = column % PLACES_PER_WIRE == 0;
             match factor {
-                Factor::Contrast => contrast(&self.deviation[along.clone()], block_mm, &mut values),
                 Factor::Texture => self.along[along.clone()].clone_into(&mut values),
                 Factor::Relief if first_of_wire => self.relief(column, &mut values),
                 Factor::Relief => {} // all places of a wire have one
+                Factor::Across => self.across(column, &mut values),
+                Factor::Step => step(&self.deviation[along.clone()], blocks_of(STEP_MM, block_mm), &mut values),
             }
             for (block, (&value, &cell)) in values.iter().zip(&self.surface_cell[along]).enumerate() {
                 if let (true, Some(bin)) = (cell != UNSEEN, factor.bin(value)) {
@@ -185,6 +189,19 @@ impl Residuals {
                 }
             }
         }
+    }
+
+    /// Change from the places on either side to those at `column`, block by block; the first and the last place of a strand are
+    /// neighbours.
+    fn across(&self, column: usize, values: &mut Vec<f32>) {
+        values.clear();
+        let (strand, place) = (column / self.places, column % self.places);
+        let of_place = |place: usize| {
+            let from = (strand * self.places + place % self.places) * self.blocks;
+            &self.deviation[from..from + self.blocks]
+        };
+        let beside = of_place(place + self.places - 1).iter().zip(of_place(place + 1));
+        values.extend(of_place(place).iter().zip(beside).map(|(&here, (&left, &right))| change(left, here, right)));
     }
 
     /// Missing share of the shading across a wire, block by block: 0 where it is as expected, 1 where the wire looks flat. Its places
@@ -210,51 +227,32 @@ impl Residuals {
     }
 }
 
+/// Distance along the wire in mm over which a step is looked for: longer than a speck of dirt, shorter than a worn place.
+const STEP_MM: f64 = 1.5;
+
 /// Blocks that make so many mm.
 fn blocks_of(mm: f64, block_mm: f64) -> usize {
     (mm / block_mm).round().max(1.0) as usize
 }
 
-/// Difference of every block of a wire from 2 to 7 mm before and behind it.
-fn contrast(deviation: &[f32], block_mm: f64, values: &mut Vec<f32>) {
-    values.clear();
-    if deviation.iter().all(|d| d.is_nan()) {
-        return; // a wire on the other side
+/// Mean square of the two changes from a place to those on either side of it, or of the one that is known.
+fn change(before: f32, here: f32, after: f32) -> f32 {
+    let (before, after) = ((here - before).powi(2), (after - here).powi(2));
+    match (before.is_nan(), after.is_nan()) {
+        (false, false) => (before + after) / 2.0,
+        (true, _) => after,
+        (_, true) => before,
     }
-    let running = RunningSums::new(deviation.iter().copied());
-    let [inner, gap, outer] = [0.5, 2.0, 7.0].map(|mm| blocks_of(mm, block_mm));
-    let inner = inner / 2;
-    values.extend((0..deviation.len()).map(|block| {
-        let here = running.mean(block.saturating_sub(inner), block + inner + 1);
-        let behind = running.mean(block.saturating_sub(outer), block.saturating_sub(gap));
-        let ahead = running.mean(block + gap + 1, block + outer + 1);
-        let around = match (behind.is_nan(), ahead.is_nan()) {
-            (false, false) => (behind + ahead) / 2.0,
-            (true, _) => ahead,
-            (_, true) => behind,
-        };
-        here - around
-    }));
 }
 
-/// Sum and number of the values before each, NaN counting as absent.
-struct RunningSums(Vec<(f32, f32)>);
-
-impl RunningSums {
-    fn new(values: impl Iterator<Item = f32>) -> Self {
-        let add = |total: &mut (f32, f32), value: f32| {
-            if !value.is_nan() {
-                *total = (total.0 + value, total.1 + 1.0);
-            }
-            Some(*total)
-        };
-        Self(std::iter::once((0.0, 0.0)).chain(values.scan((0.0, 0.0), add)).collect())
-    }
-
-    /// Mean of the values of a range, which may reach beyond the end; NaN where there is none.
-    fn mean(&self, from: usize, to: usize) -> f32 {
-        let last = self.0.len() - 1;
-        let (a, b) = (self.0[from.min(last)], self.0[to.min(last)]);
-        if b.1 - a.1 >= 1.0 { (b.0 - a.0) / (b.1 - a.1) } else { f32::NAN }
-    }
+/// Change of every block of a wire from those `lag` blocks before and behind it.
+fn step(deviation: &[f32], lag: usize, values: &mut Vec<f32>) {
+    values.clear();
+    let at = |block: Option<usize>| block.and_then(|block| deviation.get(block)).copied().unwrap_or(f32::NAN);
+    values.extend(
+        deviation
+            .iter()
+            .enumerate()
+            .map(|(block, &here)| change(at(block.checked_sub(lag)), here, at(Some(block + lag)))),
+    );
 }

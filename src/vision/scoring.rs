@@ -144,7 +144,8 @@ impl CalibrationSums {
     }
 }
 
-fn quantile(values: &mut [f32], share: f64) -> f32 {
+/// The value that this share of the values does not exceed. Changes their order; there must be one.
+pub(super) fn quantile(values: &mut [f32], share: f64) -> f32 {
     let at = ((values.len() - 1) as f64 * share) as usize;
     *values.select_nth_unstable_by(at, f32::total_cmp).1
 }
@@ -203,7 +204,7 @@ pub struct StretchScores {
     pub cells: Vec<f32>,
     /// Whether any pixel of this view fell there, same order.
     pub seen: Vec<bool>,
-    /// Highest score of every block; NaN where nothing was judged.
+    /// Score of every block: the highest of its places, settled with the blocks about it; NaN where nothing was judged.
     pub blocks: Vec<f32>,
     /// Strand and place where that highest score stands.
     pub peaks: Vec<(usize, usize)>,
@@ -262,7 +263,7 @@ pub fn score(factors: &[(Evidence, &[Option<FilterCalibration>])], pitch_mm: f64
 /// Score of cells that no filter judged, while scores are gathered.
 const UNJUDGED: f32 = f32::NEG_INFINITY;
 /// What an unusual finding of one factor adds to a greater one of another: factors share pixels, so they are not independent.
-const SUPPORT: f32 = 0.5;
+const SUPPORT: f32 = 0.7;
 /// Score up to which a finding is usual: one place in ten has it.
 const USUAL: f32 = 1.0;
 /// What another view's score counts where this view sees the place, but too obliquely to judge as well.
@@ -284,6 +285,15 @@ fn settled(blocks: &[f32]) -> Vec<f32> {
 }
 
 impl StretchScores {
+    /// Highest score of every block's own places; NaN where nothing was judged.
+    pub fn highest(&self) -> Vec<f32> {
+        let row = self.cells.len() / self.peaks.len().max(1);
+        let at = |(block, &(strand, place)): (usize, &(usize, usize))| {
+            self.cells[block * row + strand * self.places + place]
+        };
+        self.peaks.iter().enumerate().map(at).collect()
+    }
+
     fn find_peaks(&mut self, row: usize) {
         self.blocks.clear();
         self.peaks.clear();

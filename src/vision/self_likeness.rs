@@ -8,7 +8,6 @@ use super::registration::CUT;
 use super::strand_alignment::StrandAlignment;
 use super::stretch::{Reference, ViewModel, ViewStretch};
 use super::template::{PhaseBin, Template, TemplateSums, normalised_line, phase_bin};
-use super::unwrapping::LINE_STRIDE;
 
 /// How far from the contours' rate is searched, as a share, and in how many steps to either side.
 const SEARCHED: (f64, usize) = (0.1, 20);
@@ -53,11 +52,11 @@ fn unlikeness(spec: &AlignerSpec, model: &ViewModel, view: &mut ViewStretch, cou
     let phase = |line: usize| model.camera.phase_in_view(course.mean_phase_rad(line as f64));
     let mut sums = TemplateSums::new(spec.width_px);
     let as_it_is = |_: usize, _: PhaseBin, _: &mut [f32]| {};
-    sums.add(&spec.rope, &view.image, &view.axis_px, LINE_STRIDE, phase, as_it_is);
+    sums.add(&spec.rope, &view.image, &view.axis_px, spec.reading_lines, phase, as_it_is);
     let Some(template) = Template::new(&spec.rope, &model.camera, &sums) else { return 0.0 };
     let mut gray = vec![0.0; spec.width_px];
     let (mut squares, mut pixels) = (0.0, 0.0);
-    for k in (0..view.image.lines()).step_by(LINE_STRIDE) {
+    for k in (0..view.image.lines()).step_by(spec.reading_lines) {
         if !normalised_line(view.image.line(k), view.axis_px[k], &mut gray) {
             continue;
         }

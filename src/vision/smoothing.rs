@@ -5,7 +5,9 @@
 //! within a few knots. The posterior is solved exactly as a banded least-squares problem, and any linear function of it, such
 //! as the slope over a stretch, gets its own standard deviation.
 
-use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use super::banded::Banded;
+use super::encoder::EncoderCourse;
+use nalgebra::{DVector, Matrix2, SMatrix, SVector, Vector2};
 use std::sync::Arc;
 
 /// A measured phase at one knot: the information form of "phase = value, with variance 1/information".
@@ -59,16 +61,6 @@ impl<const S: usize> Observation<S> {
     }
 }
 
-/// Smoothed phase at every knot, and the factors that answer for its uncertainty.
-#[derive(Debug, Clone)]
-pub struct Course {
-    spacing_mm: f64,
-    states: Vec<Vector2<f64>>,
-    /// Shared by the courses that were smoothed together; this is the one of number `part`.
-    factor: Arc<dyn Factor>,
-    part: usize,
-}
-
 /// Process noise of an integrated random walk over `h` mm, inverted.
 fn inverse_process_noise(h: f64, wander: f64) -> Matrix2<f64> {
     let scale = 12.0 / (wander * h * h * h);
@@ -85,106 +77,155 @@ pub fn smooth(measurements: &[Measurement], prior: CoursePrior) -> Option<Course
             observation
         })
         .collect();
-    smooth_together(&observations, &[prior])?.pop()
+    Chain::new(observations, &[prior])?.courses(None).pop()
 }
 
-/// Solves for S/2 courses that were measured together. `None` if fewer than two knots were measured.
-pub fn smooth_together<const S: usize>(observations: &[Observation<S>], priors: &[CoursePrior]) -> Option<Vec<Course>> {
-    if observations.iter().filter(|o| o.says_something()).count() < 2 {
-        return None;
-    }
-    let n = observations.len();
-    let h = priors.first()?.spacing_mm;
-    // x_k+1 = F x_k + noise; rates are kept as deviations from the expected one, phases as measured.
-    let mut transition = SMatrix::<f64, S, S>::identity();
-    let mut precision = SMatrix::<f64, S, S>::zeros();
-    let mut drift = SVector::<f64, S>::zeros();
-    for (part, prior) in priors.iter().enumerate() {
-        transition[(2 * part, 2 * part + 1)] = h;
-        precision.fixed_view_mut::<2, 2>(2 * part, 2 * part).copy_from(&inverse_process_noise(h, prior.wander));
-        drift[2 * part] = prior.rate_rad_per_mm * h;
-    }
-    let mut diagonal: Vec<_> = observations.iter().map(|o| o.information).collect();
-    let mut right: Vec<_> = observations.iter().map(|o| o.weighted).collect();
-    for k in 0..n {
+/// S/2 courses that were measured together, solved as if every line were where the encoder says.
+#[derive(Debug)]
+pub(super) struct Chain<const S: usize> {
+    priors: Vec<CoursePrior>,
+    factor: Banded<S>,
+    states: Vec<SVector<f64, S>>,
+    observations: Vec<Observation<S>>,
+    /// How the state changes with the position: the expected rates.
+    per_mm: SVector<f64, S>,
+}
+
+impl<const S: usize> Chain<S> {
+    /// Solves. `None` if fewer than two knots were measured.
+    pub fn new(observations: Vec<Observation<S>>, priors: &[CoursePrior]) -> Option<Self> {
+        if observations.iter().filter(|o| o.says_something()).count() < 2 {
+            return None;
+        }
+        let n = observations.len();
+        let h = priors.first()?.spacing_mm;
+        // x_k+1 = F x_k + noise; rates are kept as deviations from the expected one, phases as measured.
+        let mut transition = SMatrix::<f64, S, S>::identity();
+        let mut precision = SMatrix::<f64, S, S>::zeros();
+        let mut drift = SVector::<f64, S>::zeros();
+        let mut per_mm = SVector::<f64, S>::zeros();
         for (part, prior) in priors.iter().enumerate() {
-            // One weak statement, spread over all knots.
-            diagonal[k][(2 * part + 1, 2 * part + 1)] += prior.rate_sd.powi(-2) / n as f64;
+            transition[(2 * part, 2 * part + 1)] = h;
+            precision.fixed_view_mut::<2, 2>(2 * part, 2 * part).copy_from(&inverse_process_noise(h, prior.wander));
+            drift[2 * part] = prior.rate_rad_per_mm * h;
+            per_mm[2 * part] = prior.rate_rad_per_mm;
         }
-        if k + 1 < n {
-            diagonal[k] += transition.transpose() * precision * transition;
-            diagonal[k + 1] += precision;
-            right[k] -= transition.transpose() * precision * drift;
-            right[k + 1] += precision * drift;
+        let mut diagonal: Vec<_> = observations.iter().map(|o| o.information).collect();
+        let mut right: Vec<_> = observations.iter().map(|o| o.weighted).collect();
+        for k in 0..n {
+            for (part, prior) in priors.iter().enumerate() {
+                // One weak statement, spread over all knots.
+                diagonal[k][(2 * part + 1, 2 * part + 1)] += prior.rate_sd.powi(-2) / n as f64;
+            }
+            if k + 1 < n {
+                diagonal[k] += transition.transpose() * precision * transition;
+                diagonal[k + 1] += precision;
+                right[k] -= transition.transpose() * precision * drift;
+                right[k + 1] += precision * drift;
+            }
         }
+        let factor = Banded::new(&diagonal, -precision * transition)?;
+        let states = factor.solve(right);
+        Some(Self { priors: priors.to_vec(), factor, states, observations, per_mm })
     }
-    let factor = Banded::new(&diagonal, -precision * transition)?;
-    let states = factor.solve(right);
-    let factor: Arc<dyn Factor> = Arc::new(factor);
-    let course = |(part, prior): (usize, &CoursePrior)| Course {
-        spacing_mm: h,
-        states: states.iter().map(|x| Vector2::new(x[2 * part], x[2 * part + 1] + prior.rate_rad_per_mm)).collect(),
-        factor: factor.clone(),
-        part,
-    };
-    Some(priors.iter().enumerate().map(course).collect())
+
+    pub fn knots(&self) -> usize {
+        self.states.len()
+    }
+
+    pub fn spacing_mm(&self) -> f64 {
+        self.priors[0].spacing_mm
+    }
+
+    /// What the measurements at a knot say of the encoder's error there, the states being as they were solved: information, and
+    /// information times error.
+    pub fn of_encoder(&self, knot: usize) -> (f64, f64) {
+        let Observation { information, weighted } = &self.observations[knot];
+        (self.per_mm.dot(&(information * self.per_mm)), self.per_mm.dot(&(weighted - information * self.states[knot])))
+    }
+
+    /// How the states change with an encoder's error of `error_mm(knot)`, which takes part of the phases.
+    pub fn change(&self, error_mm: impl Fn(usize) -> f64) -> Vec<SVector<f64, S>> {
+        let right = |(k, o): (usize, &Observation<S>)| -(o.information * self.per_mm) * error_mm(k);
+        self.factor.solve(self.observations.iter().enumerate().map(right).collect())
+    }
+
+    /// What those changes say of the encoder's error at a knot: information that the states take away, as a share of it.
+    pub fn taken_away(&self, knot: usize, change: &SVector<f64, S>) -> f64 {
+        self.per_mm.dot(&(self.observations[knot].information * change))
+    }
+
+    /// The courses, with the encoder's error added to where they were measured.
+    pub fn courses(self, encoder: Option<&Arc<EncoderCourse>>) -> Vec<Course>
+    where
+        Self: 'static,
+    {
+        let changes = encoder.map(|encoder| self.change(|knot| encoder.error_mm(knot)));
+        let of = |part: usize, prior: &CoursePrior| -> Vec<Vector2<f64>> {
+            let state = |(k, x): (usize, &SVector<f64, S>)| {
+                let mut state = Vector2::new(x[2 * part], x[2 * part + 1] + prior.rate_rad_per_mm);
+                if let (Some(encoder), Some(changes)) = (encoder, &changes) {
+                    state[0] += changes[k][2 * part] + prior.rate_rad_per_mm * encoder.error_mm(k);
+                    state[1] += changes[k][2 * part + 1] + prior.rate_rad_per_mm * encoder.error_per_mm(k);
+                }
+                state
+            };
+            self.states.iter().enumerate().map(state).collect()
+        };
+        let states: Vec<_> = self.priors.iter().enumerate().map(|(part, prior)| of(part, prior)).collect();
+        let spacing_mm = self.spacing_mm();
+        let chain: Arc<dyn Spread> = Arc::new(self);
+        let course =
+            |(part, states)| Course { spacing_mm, states, chain: chain.clone(), encoder: encoder.cloned(), part };
+        states.into_iter().enumerate().map(course).collect()
+    }
 }
 
 /// Answers for the uncertainty of what was smoothed together.
-trait Factor: std::fmt::Debug + Send + Sync {
-    /// Variance of the sum of `weight * phase of part at knot` over consecutive knots from `first` on.
-    fn variance(&self, part: usize, first: usize, weights: &[f64]) -> f64;
+trait Spread: std::fmt::Debug + Send + Sync {
+    /// Variance of the sum of `weight * phase of part at knot` over consecutive knots from `first` on, were the encoder's error known,
+    /// and how this sum changes with the nodes of that error.
+    fn spread(
+        &self,
+        part: usize,
+        first: usize,
+        weights: &[f64],
+        encoder: Option<&EncoderCourse>,
+    ) -> (f64, DVector<f64>);
 }
 
-/// Block LDL^T factor of a block-tridiagonal matrix: inverses of the pivots, and the multipliers below them.
-#[derive(Debug)]
-struct Banded<const S: usize> {
-    pivots: Vec<SMatrix<f64, S, S>>,
-    links: Vec<SMatrix<f64, S, S>>,
-}
-
-impl<const S: usize> Banded<S> {
-    /// Factors the matrix with these diagonal blocks and the same block `off` below each.
-    fn new(diagonal: &[SMatrix<f64, S, S>], off: SMatrix<f64, S, S>) -> Option<Self> {
-        let mut pivots: Vec<SMatrix<f64, S, S>> = Vec::with_capacity(diagonal.len());
-        let mut links = Vec::with_capacity(diagonal.len());
-        for block in diagonal {
-            let mut d = *block;
-            if let Some(before) = pivots.last() {
-                let link = off * before;
-                d -= link * off.transpose();
-                links.push(link);
-            }
-            pivots.push(d.try_inverse()?);
-        }
-        Some(Self { pivots, links })
-    }
-
-    fn solve(&self, mut b: Vec<SVector<f64, S>>) -> Vec<SVector<f64, S>> {
-        for k in 1..b.len() {
-            let carried = self.links[k - 1] * b[k - 1];
-            b[k] -= carried;
-        }
-        for k in (0..b.len()).rev() {
-            b[k] = self.pivots[k] * b[k];
-            if k + 1 < b.len() {
-                let carried = self.links[k].transpose() * b[k + 1];
-                b[k] -= carried;
-            }
-        }
-        b
-    }
-}
-
-impl<const S: usize> Factor for Banded<S> {
-    fn variance(&self, part: usize, first: usize, weights: &[f64]) -> f64 {
-        let mut b = vec![SVector::<f64, S>::zeros(); self.pivots.len()];
+impl<const S: usize> Spread for Chain<S> {
+    fn spread(
+        &self,
+        part: usize,
+        first: usize,
+        weights: &[f64],
+        encoder: Option<&EncoderCourse>,
+    ) -> (f64, DVector<f64>) {
+        let mut b = vec![SVector::<f64, S>::zeros(); self.knots()];
         for (k, w) in weights.iter().enumerate() {
             b[first + k][2 * part] = *w;
         }
-        let solved = self.solve(b);
-        weights.iter().enumerate().map(|(k, w)| w * solved[first + k][2 * part]).sum()
+        let solved = self.factor.solve(b);
+        let variance = weights.iter().enumerate().map(|(k, w)| w * solved[first + k][2 * part]).sum();
+        let Some(encoder) = encoder else { return (variance, DVector::zeros(0)) };
+        let changes = encoder.at_nodes(|knot| {
+            let own = knot.checked_sub(first).and_then(|k| weights.get(k)).map_or(0.0, |w| w * self.per_mm[2 * part]);
+            own - self.taken_away(knot, &solved[knot])
+        });
+        (variance, changes)
     }
+}
+
+/// Smoothed phase at every knot, and what answers for its uncertainty.
+#[derive(Debug, Clone)]
+pub struct Course {
+    spacing_mm: f64,
+    states: Vec<Vector2<f64>>,
+    /// Shared by the courses that were smoothed together; this is the one of number `part`.
+    chain: Arc<dyn Spread>,
+    encoder: Option<Arc<EncoderCourse>>,
+    part: usize,
 }
 
 impl Course {
@@ -215,13 +256,36 @@ impl Course {
 
     /// Variance of the phase at a knot in rad^2.
     pub fn phase_variance(&self, knot: usize) -> f64 {
-        self.factor.variance(self.part, knot, &[1.0])
+        Self::mean_variance(&[self], knot, &[1.0])
     }
 
     /// Variance of [`Self::slope_rad_per_mm`] in rad^2/mm^2.
     pub fn slope_variance(&self, knots: std::ops::Range<usize>) -> f64 {
-        let weights: Vec<f64> = slope_weights(knots.len(), self.spacing_mm).collect();
-        self.factor.variance(self.part, knots.start, &weights)
+        Self::mean_slope_variance(&[self], knots)
+    }
+
+    /// Variance of the mean slope of several courses in rad^2/mm^2. The encoder's error is the same for all, so it does not average out.
+    pub fn mean_slope_variance(courses: &[&Self], knots: std::ops::Range<usize>) -> f64 {
+        let Some(first) = courses.first() else { return f64::INFINITY };
+        let weights: Vec<f64> = slope_weights(knots.len(), first.spacing_mm).collect();
+        Self::mean_variance(courses, knots.start, &weights)
+    }
+
+    fn mean_variance(courses: &[&Self], first: usize, weights: &[f64]) -> f64 {
+        let n = courses.len() as f64;
+        let mut variance = 0.0;
+        let mut shared: Option<(&EncoderCourse, DVector<f64>)> = None;
+        for course in courses {
+            let encoder = course.encoder.as_deref();
+            let (own, changes) = course.chain.spread(course.part, first, weights, encoder);
+            variance += own / (n * n);
+            match (&mut shared, encoder) {
+                (Some((_, sum)), Some(_)) => *sum += changes / n,
+                (shared, Some(encoder)) => *shared = Some((encoder, changes / n)),
+                (_, None) => {}
+            }
+        }
+        variance + shared.map_or(0.0, |(encoder, changes)| encoder.variance(&changes))
     }
 }
 

@@ -31,9 +31,9 @@ pub struct StrandAlignment {
     pub termination: Termination,
 }
 
-/// Every how many lines eq. 13 is evaluated: contours are smooth over a wire's width.
-const LINE_STRIDE: usize = 8;
-/// Fewest usable lines (after the stride) for a correlation to mean anything.
+/// About so many lines of a stretch, equally far apart, are asked: the strands' outline is smooth over a wire's width.
+const MOST_LINES: usize = 120;
+/// Fewest usable lines of these for a correlation to mean anything.
 const FEWEST_LINES: usize = 24;
 
 /// The lines of a view that eq. 13 is evaluated at.
@@ -49,7 +49,7 @@ impl<'a> SeenWidths<'a> {
         let n = view.contours.len();
         let middle = (n as f64 - 1.0) / 2.0;
         let width = |k: usize| f64::from(view.contours.upper_px[k]) - f64::from(view.contours.lower_px[k]);
-        let lines = (0..n).step_by(LINE_STRIDE).map(|k| ((k as f64 - middle) * pitch_mm, width(k)));
+        let lines = (0..n).step_by((n / MOST_LINES).max(1)).map(|k| ((k as f64 - middle) * pitch_mm, width(k)));
         Self { model: view.model, angle_rad: view.angle_rad, lines: lines.filter(|(_, w)| w.is_finite()).collect() }
     }
 }

@@ -8,13 +8,13 @@ use super::displacement::axis_course_px;
 use super::image::GrayImage;
 use super::model_contour::ModelContour;
 use super::outline_detail::OutlineDetail;
-use super::registration::{KnotSums, register, register_contours};
+use super::registration::{KnotSums, Knots, register, register_contours};
 use super::rope::Rope;
 use super::smoothing::Measurement;
 use super::strand_alignment::{ContourView, StrandAlignment};
 use super::surface::Outlines;
 use super::template::{PhaseBin, Template};
-use super::wire_pattern::{WirePattern, mean_phase};
+use super::wire_pattern::{WirePattern, mean_phase, turn_with_strands};
 use std::f64::consts::TAU;
 
 /// Neighbouring pixels and lines share wires: so many registered pixels count as one independent one. Refined from residuals.
@@ -128,6 +128,16 @@ impl Reference {
         }
     }
 
+    /// The same as they seem to be in the view at `angle_rad`, if all strands are taken to stand at their regular places, as the
+    /// template has them: those of a strand that stands farther seem turned on.
+    pub fn apparent_wires_rad(&self, rope: &Rope, angle_rad: f64, line: usize, out: &mut [f64]) {
+        let mut strands = [0.0; 8];
+        let strands = &mut strands[..rope.strands()];
+        self.phases_rad(rope, line, strands);
+        self.wires_rad(line, out);
+        turn_with_strands(rope, angle_rad, strands, out);
+    }
+
     /// Takes the wires out of a normalised line of a view, where they are known.
     pub fn wires_remover<'a>(
         &'a self,
@@ -135,10 +145,12 @@ impl Reference {
         model: &'a ViewModel,
     ) -> impl FnMut(usize, PhaseBin, &mut [f32]) + 'a {
         let mut wires = vec![f64::NAN; rope.strands()];
+        let mut per_rad = Vec::new();
         move |line, bin, gray| {
+            per_rad.resize(gray.len(), 0.0);
             if let (Some(template), Some(pattern)) = (&model.template, &model.pattern) {
-                self.wires_rad(line, &mut wires);
-                pattern.subtract_all(rope, template, bin, &wires, model.camera.angle_rad, gray);
+                self.apparent_wires_rad(rope, model.camera.angle_rad, line, &mut wires);
+                pattern.subtract_all(rope, template, bin, &wires, model.camera.angle_rad, gray, &mut per_rad);
             }
         }
     }
@@ -148,7 +160,7 @@ impl Reference {
         let n = rope.strands();
         let knots = self.knots();
         let at = (line as f64 - (self.knot_lines as f64 - 1.0) / 2.0) / self.knot_lines as f64;
-        let a = (at.floor().max(0.0) as usize).min(knots - 1);
+        let a = (at.max(0.0) as usize).min(knots - 1);
         let b = (a + 1).min(knots - 1);
         let share = (at - a as f64).clamp(0.0, 1.0);
         let mean = self.mean_phase_rad(line as f64);
@@ -217,12 +229,14 @@ impl ViewStretch {
     }
 }
 
-/// Registers every view with its template: normal equations per view and knot (empty for unusable views).
+/// Registers every view with its template: normal equations per view and knot (empty for unusable views). One of `thinned` of
+/// the usual lines is looked at.
 pub fn register_views(
     rope: &Rope,
     models: &[ViewModel],
     views: &[ViewStretch],
     reference: &Reference,
+    thinned: usize,
 ) -> Vec<Vec<KnotSums>> {
     use rayon::prelude::*;
     models
@@ -234,15 +248,15 @@ pub fn register_views(
             }
             let angle = model.camera.angle_rad;
             let phases = |line: usize, out: &mut [f64]| reference.phases_rad(rope, line, out);
-            let wires = |line: usize, out: &mut [f64]| reference.wires_rad(line, out);
-            let (pattern, knot_lines) = (model.pattern.as_ref(), reference.knot_lines);
+            let wires = |line: usize, out: &mut [f64]| reference.apparent_wires_rad(rope, angle, line, out);
+            let (pattern, knots) = (model.pattern.as_ref(), Knots { lines: reference.knot_lines, thinned });
             let mut sums = match &model.template {
                 Some(template) => {
-                    register(rope, template, pattern, angle, &view.image, &view.axis_px, knot_lines, phases, wires)
+                    register(rope, template, pattern, angle, &view.image, &view.axis_px, knots, phases, wires)
                 }
                 None => vec![KnotSums::default(); reference.knots()], // contours alone, until the template is learnt
             };
-            register_contours(rope, &model.contour, angle, &view.outline, &view.axis_px, knot_lines, phases, &mut sums);
+            register_contours(rope, &model.contour, angle, &view.outline, &view.axis_px, knots, phases, &mut sums);
             sums
         })
         .collect()

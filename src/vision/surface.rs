@@ -45,9 +45,26 @@ impl StrandSpan {
 /// Adding and taking away this rounds a number to the nearest whole one, without a call.
 const ROUNDS: f64 = 1.5 * (1u64 << 52) as f64;
 
+/// The nearest whole number.
+pub(super) fn rounded(value: f64) -> f64 {
+    (value + ROUNDS) - ROUNDS
+}
+
+/// The next whole number above.
+pub(super) fn raised(value: f64) -> f64 {
+    let near = rounded(value);
+    if near < value { near + 1.0 } else { near }
+}
+
+/// What is beyond the next whole number below, in [0, 1].
+pub(super) fn fraction(value: f64) -> f64 {
+    let off = value - rounded(value);
+    if off < 0.0 { off + 1.0 } else { off }
+}
+
 /// An angle in (-pi, pi].
 pub fn wrap_rad(angle_rad: f64) -> f64 {
-    let turns = (angle_rad * (1.0 / TAU) + ROUNDS) - ROUNDS;
+    let turns = rounded(angle_rad * (1.0 / TAU));
     let wrapped = angle_rad - turns * TAU;
     if wrapped <= -PI { wrapped + TAU } else { wrapped.min(PI) }
 }

@@ -6,7 +6,7 @@
 
 use super::camera::Camera;
 use super::estimates::Estimates;
-use super::histogram::{DISTANCE_BINS, STRAND_BINS, WIRE_BINS, cell};
+use super::histogram::{DISTANCE_BINS, STRAND_BINS, Theta, WIRE_BINS, cell};
 use super::rope::Rope;
 use super::surface::{Outlines, StrandSpan, wrap_rad};
 
@@ -30,7 +30,9 @@ pub struct SurfacePoint {
     pub column: usize,
     /// The strand.
     pub strand: usize,
-    /// Cell of theta in the histogram.
+    /// Theta.
+    pub theta: Theta,
+    /// Its cell in the histogram.
     pub cell: usize,
     /// Place among the wires of the strand, in [0, M): whole numbers are wire centres, constant along a wire.
     pub wire_place: f32,
@@ -52,6 +54,7 @@ impl SurfacePoint {
 #[derive(Debug, Clone, Copy)]
 struct Run {
     strand: usize,
+    strand_at: f32,
     from: usize,
     to: usize,
 }
@@ -75,6 +78,8 @@ pub struct SurfaceMap<'a> {
     /// Of every pixel of the line: surface angle, then what follows from it.
     psi_rad: Vec<f32>,
     slopes_px: Vec<f32>,
+    wires_at: Vec<f32>,
+    distances_at: Vec<f32>,
     cells: Vec<u32>,
     wire_places: Vec<f32>,
     places: Vec<u32>,
@@ -102,6 +107,8 @@ impl<'a> SurfaceMap<'a> {
             spans: Vec::new(),
             psi_rad: vec![0.0; width_px],
             slopes_px: vec![0.0; width_px],
+            wires_at: vec![0.0; width_px],
+            distances_at: vec![0.0; width_px],
             cells: vec![0; width_px],
             wire_places: vec![0.0; width_px],
             places: vec![0; width_px],
@@ -133,11 +140,18 @@ impl<'a> SurfaceMap<'a> {
         self.courses_at(line);
         self.outlines.visible_spans(&self.phases, &mut self.spans);
         for s in 0..self.spans.len() {
-            let Some(Run { strand, from, to }) = self.map_span(self.spans[s], f64::from(axis_px)) else { continue };
+            let Some(Run { strand, strand_at, from, to }) = self.map_span(self.spans[s], f64::from(axis_px)) else {
+                continue;
+            };
             let looked_up = self.cells[from..to].iter().zip(&self.wire_places[from..to]).zip(&self.places[from..to]);
             let looked_up = looked_up.zip(&self.slopes_px[from..to]);
-            for (column, (((&cell, &wire_place), &place), &slope_px)) in (from..to).zip(looked_up) {
-                each(SurfacePoint { column, strand, cell: cell as usize, wire_place, place: place as usize, slope_px });
+            let thetas = self.wires_at[from..to].iter().zip(&self.distances_at[from..to]);
+            for ((column, (((&cell, &wire_place), &place), &slope_px)), (&wire, &distance)) in
+                (from..to).zip(looked_up).zip(thetas)
+            {
+                let theta = Theta { strand: strand_at, wire, distance };
+                let (cell, place) = (cell as usize, place as usize);
+                each(SurfacePoint { column, strand, theta, cell, wire_place, place, slope_px });
             }
         }
     }
@@ -153,7 +167,8 @@ impl<'a> SurfaceMap<'a> {
         let from = (low.ceil().max(0.0) as usize).min(self.width_px);
         let to = (high.max(0.0) as usize).clamp(from, self.width_px);
         let strand_share = (span.phase_in_view_rad / STRAND_RANGE_RAD + 1.0) / 2.0;
-        let strand_bin = ((strand_share * STRAND_BINS as f64) as usize).min(STRAND_BINS - 1);
+        let strand_at = strand_share * STRAND_BINS as f64;
+        let strand_bin = (strand_at as usize).min(STRAND_BINS - 1);
 
         let scale = (TABLE as f64 / (2.0 * span.half_px)) as f32;
         let first = ((from as f64 - axis_px - span.middle_px) * f64::from(scale)) as f32 + TABLE as f32 / 2.0;
@@ -178,19 +193,22 @@ impl<'a> SurfaceMap<'a> {
         let base = cell(strand_bin, 0, 0) as u32;
         let targets = self.cells[from..to].iter_mut().zip(&mut self.wire_places[from..to]);
         let targets = targets.zip(&mut self.places[from..to]);
-        for (&psi, ((to_cell, to_wire_place), to_place)) in self.psi_rad[from..to].iter().zip(targets) {
+        let thetas = self.wires_at[from..to].iter_mut().zip(&mut self.distances_at[from..to]);
+        for ((&psi, ((to_cell, to_wire_place), to_place)), (wire_at, distance_at)) in
+            self.psi_rad[from..to].iter().zip(targets).zip(thetas)
+        {
             let at = (psi - in_view) * per_step;
             let distance = at - nearest(at); // to the nearest wire, in [-0.5, 0.5]
             let centre = psi - distance * step;
-            let wire_bin = whole(within((centre + WIRE_RANGE_RAD as f32) * wire_scale, WIRE_BINS as f32 - 0.5));
-            let distance_bin = whole(within((distance + 0.5) * DISTANCE_BINS as f32, DISTANCE_BINS as f32 - 0.5));
-            *to_cell = base + wire_bin * DISTANCE_BINS as u32 + distance_bin;
+            *wire_at = within((centre + WIRE_RANGE_RAD as f32) * wire_scale, WIRE_BINS as f32 - 0.5);
+            *distance_at = within((distance + 0.5) * DISTANCE_BINS as f32, DISTANCE_BINS as f32 - 0.001);
+            *to_cell = base + whole(*wire_at) * DISTANCE_BINS as u32 + whole(*distance_at);
             let turned = if at < 0.0 { at + wires } else { at };
             *to_wire_place = turned;
             let place = (turned + 0.5) * PLACES_PER_WIRE as f32;
             *to_place = whole(within(if place >= all_places { place - all_places } else { place }, all_places - 0.5));
         }
-        Some(Run { strand: span.strand, from, to })
+        Some(Run { strand: span.strand, strand_at: strand_at as f32, from, to })
     }
 }
 
@@ -204,7 +222,7 @@ fn nearest(value: f32) -> f32 {
 
 /// The number, at least 0 and at most `most`. (Not `clamp`: that keeps NaN, which costs a branch and does not occur.)
 #[inline]
-fn within(value: f32, most: f32) -> f32 {
+pub(super) fn within(value: f32, most: f32) -> f32 {
     let raised = if value > 0.0 { value } else { 0.0 };
     if raised < most { raised } else { most }
 }

@@ -7,7 +7,7 @@
 use super::camera::Camera;
 use super::image::GrayImage;
 use super::rope::Rope;
-use super::surface::{StrandSpan, visible_spans};
+use super::surface::{StrandSpan, rounded, visible_spans};
 
 /// Bins of the phase within one strand step; about 1 px of strand movement each.
 pub const PHASE_BINS: usize = 128;
@@ -26,19 +26,9 @@ pub struct PhaseBin {
 /// Finds the bin of the phase of strand 0 in a view.
 pub fn phase_bin(rope: &Rope, phase_in_view_rad: f64) -> PhaseBin {
     let steps = phase_in_view_rad / rope.strand_step_rad();
-    let whole = steps.round();
+    let whole = rounded(steps);
     let row = (((steps - whole + 0.5) * PHASE_BINS as f64) as usize).min(PHASE_BINS - 1);
     PhaseBin { row, nearest: (-whole as i64).rem_euclid(rope.strands() as i64) as usize }
-}
-
-/// Sum in eight lanes side by side, which is not the order that `sum` keeps to.
-fn sum(values: &[f32]) -> f32 {
-    let (eights, rest) = values.as_chunks::<8>();
-    let mut lanes = [0.0f32; 8];
-    for eight in eights {
-        lanes.iter_mut().zip(eight).for_each(|(lane, value)| *lane += value);
-    }
-    lanes.iter().sum::<f32>() + rest.iter().sum::<f32>()
 }
 
 /// Reads a line of the image on the grid of the template: `axis_px` falls on the middle column, light is divided out.
@@ -52,24 +42,25 @@ pub fn normalised_line(line: &[u8], axis_px: f32, out: &mut [f32]) -> bool {
     let whole = shift.floor();
     let fraction = shift - whole;
     let whole = whole as isize;
-    out.fill(0.0);
     let from = (-whole).max(0) as usize;
     let to = (line.len() as isize - 1 - whole).clamp(0, width as isize) as usize;
     if from >= to {
         return false;
     }
     let source = &line[(from as isize + whole) as usize..];
-    for ((o, &a), &b) in out[from..to].iter_mut().zip(source).zip(&source[1..]) {
-        *o = f32::from(a) + fraction * (f32::from(b) - f32::from(a));
-    }
-    let middle = &out[width / 4..3 * width / 4];
-    let mean = sum(middle) / middle.len() as f32;
+    // The line is as bright as its middle half is on average.
+    let (low, high) = ((width / 4).clamp(from, to) - from, (3 * width / 4).clamp(from, to) - from);
+    let sum = source[low..high].iter().map(|&gray| u32::from(gray)).sum::<u32>() as f32;
+    let mean =
+        (sum + fraction * (f32::from(source[high]) - f32::from(source[low]))) / (3 * width / 4 - width / 4) as f32;
     if mean < 1.0 {
         return false;
     }
-    let gain = 1.0 / mean;
-    for o in out.iter_mut() {
-        *o *= gain;
+    let (gain, gain_of_next) = ((1.0 - fraction) / mean, fraction / mean);
+    out[..from].fill(0.0);
+    out[to..].fill(0.0);
+    for ((out, &gray), &next) in out[from..to].iter_mut().zip(source).zip(&source[1..]) {
+        *out = gain * f32::from(gray) + gain_of_next * f32::from(next);
     }
     true
 }
@@ -125,7 +116,6 @@ pub struct Template {
     width: usize,
     mean: Vec<f32>,
     per_rad: Vec<f32>,
-    per_px: Vec<f32>,
     spans: Vec<Vec<StrandSpan>>,
 }
 
@@ -158,13 +148,10 @@ impl Template {
         }
         let bin_rad = (rope.strand_step_rad() / PHASE_BINS as f64) as f32;
         let mut per_rad = vec![0.0f32; PHASE_BINS * width];
-        let mut per_px = vec![0.0f32; PHASE_BINS * width];
-        for row in 0..PHASE_BINS {
-            let (up, down) = ((row + 1) % PHASE_BINS, (row + PHASE_BINS - 1) % PHASE_BINS);
-            for c in 0..width {
-                per_rad[row * width + c] = (mean[up * width + c] - mean[down * width + c]) / (2.0 * bin_rad);
-                let (left, right) = (c.saturating_sub(1), (c + 1).min(width - 1));
-                per_px[row * width + c] = (mean[row * width + right] - mean[row * width + left]) / 2.0;
+        for (row, per_rad) in per_rad.chunks_exact_mut(width).enumerate() {
+            let mean = |row: usize| &mean[(row % PHASE_BINS) * width..][..width];
+            for (slope, (up, down)) in per_rad.iter_mut().zip(mean(row + 1).iter().zip(mean(row + PHASE_BINS - 1))) {
+                *slope = (up - down) / (2.0 * bin_rad);
             }
         }
         let spans = (0..PHASE_BINS)
@@ -176,7 +163,7 @@ impl Template {
                 spans
             })
             .collect();
-        Some(Self { width, mean, per_rad, per_px, spans })
+        Some(Self { width, mean, per_rad, spans })
     }
 
     /// Columns.
@@ -192,11 +179,6 @@ impl Template {
     /// Change of that with the strand phase, per rad.
     pub fn per_rad(&self, row: usize) -> &[f32] {
         &self.per_rad[row * self.width..(row + 1) * self.width]
-    }
-
-    /// Change of that from column to column, per px.
-    pub fn per_px(&self, row: usize) -> &[f32] {
-        &self.per_px[row * self.width..(row + 1) * self.width]
     }
 
     /// Visible spans in a row; strands count from the nearest one (see [`PhaseBin`]).
@@ -217,7 +199,8 @@ impl Template {
         let (mut ab, mut aa, mut bb) = (0.0f64, 0.0f64, 0.0f64);
         for row in 0..PHASE_BINS {
             let middle = self.width * 3 / 8..self.width * 5 / 8;
-            for (&a, &b) in self.per_rad(row)[middle.clone()].iter().zip(&self.per_px(row)[middle]) {
+            let per_px = self.mean(row)[middle.start - 1..].windows(3).map(|near| (near[2] - near[0]) / 2.0);
+            for (&a, b) in self.per_rad(row)[middle].iter().zip(per_px) {
                 ab += f64::from(a * b);
                 aa += f64::from(a * a);
                 bb += f64::from(b * b);

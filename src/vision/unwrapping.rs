@@ -7,13 +7,11 @@
 
 use super::image::GrayImage;
 use super::rope::Rope;
-use super::surface::Outlines;
-use super::surface_map::whole;
-use super::template::{Template, normalised_line, phase_bin};
+use super::shade::{PLACES, Shade};
+use super::surface::{Outlines, raised};
+use super::template::normalised_line;
 use std::f64::consts::TAU;
 
-/// Every how many lines the surface is read.
-pub const LINE_STRIDE: usize = 4;
 /// Strands whose phase in view is beyond this show too little surface.
 pub const FARTHEST_RAD: f64 = 1.2;
 /// Surface beyond this share of the strand's half width is too foreshortened for single wires.
@@ -22,6 +20,9 @@ const EDGE: f64 = 0.93;
 const CUT: f32 = 0.6;
 /// Entries of the table of exp(-i M asin(e)) over e in [-1, 1].
 const TABLE: usize = 1024;
+/// Binary digits of a place in the table that are beyond the whole entry.
+const PLACE_BITS: u32 = 20;
+const PARTS: f64 = (1 << PLACE_BITS) as f64;
 
 /// Facets of a strand's surface, by the angle psi against the view: a light that does not move puts the bright line of every
 /// wire on a facet equally far beside the wire's centre, whatever the strand's phase.
@@ -45,27 +46,31 @@ pub struct Stripe {
 /// Sum over all facets: what one strand's stripes say in one line.
 pub type Phasor = (f64, f64);
 
-/// Readings of a stretch in one view: `stripes[reading * strands + j]`, one reading every [`LINE_STRIDE`] lines.
+/// Readings of a stretch in one view: `stripes[reading * strands + j]`, one reading every `reading_lines`.
 #[derive(Debug, Clone, Default)]
 pub struct Stripes {
     /// The readings.
     pub stripes: Vec<Stripe>,
 }
 
-/// Table of exp(-i M asin(e)).
+/// Table of exp(-i M asin(e)), where the facets end, and which lines are read.
 #[derive(Debug, Clone)]
 pub struct StripeTable {
-    cos: Vec<f32>,
-    sin: Vec<f32>,
+    reading_lines: usize,
+    waves: Vec<(f32, f32)>,
+    /// Sine and cosine of the surface angle at which each facet but the last ends.
+    ends: [(f64, f64); FACETS - 1],
 }
 
 impl StripeTable {
-    /// The table for M wires.
-    pub fn new(wires: usize) -> Self {
+    /// The table for M wires, to read one line of `reading_lines`.
+    pub fn new(wires: usize, reading_lines: usize) -> Self {
         let angle = |k: usize| wires as f64 * (2.0 * (k as f64 + 0.5) / TABLE as f64 - 1.0).asin();
+        let end_rad = |facet: usize| FACETS_RAD * (2.0 * (facet + 1) as f64 / FACETS as f64 - 1.0);
         Self {
-            cos: (0..TABLE).map(|k| angle(k).cos() as f32).collect(),
-            sin: (0..TABLE).map(|k| -angle(k).sin() as f32).collect(),
+            reading_lines,
+            waves: (0..TABLE).map(|k| (angle(k).cos() as f32, -angle(k).sin() as f32)).collect(),
+            ends: std::array::from_fn(|facet| end_rad(facet).sin_cos()),
         }
     }
 }
@@ -74,29 +79,26 @@ impl StripeTable {
 pub fn read_stripes(
     rope: &Rope,
     outlines: &Outlines,
-    template: &Template,
+    shade: &Shade,
     table: &StripeTable,
     image: &GrayImage,
     axis_px: &[f32],
     phases_rad: impl Fn(usize, &mut [f64]),
 ) -> Stripes {
-    let width = template.width();
+    let width = shade.width();
     let n = rope.strands();
     let m = rope.wires() as f64;
-    let readings = image.lines().div_ceil(LINE_STRIDE);
+    let readings = image.lines().div_ceil(table.reading_lines);
     let mut stripes = vec![Stripe::default(); readings * n];
     let mut line = vec![0.0f32; width];
     let mut phases = vec![0.0f64; n];
     let mut spans = Vec::new();
     for reading in 0..readings {
-        let k = reading * LINE_STRIDE;
+        let k = reading * table.reading_lines;
         if !normalised_line(image.line(k), axis_px[k], &mut line) {
             continue;
         }
         phases_rad(k, &mut phases);
-        let mean =
-            phases.iter().enumerate().map(|(j, p)| p - j as f64 * rope.strand_step_rad()).sum::<f64>() / n as f64;
-        let expected = template.mean(phase_bin(rope, mean - outlines.angle_rad()).row);
         outlines.visible_spans(&phases, &mut spans);
         for span in &spans {
             if span.phase_in_view_rad.abs() > FARTHEST_RAD {
@@ -105,10 +107,13 @@ pub fn read_stripes(
             let middle = (width / 2) as f64;
             let low = span.from_px.max(span.middle_px - EDGE * span.half_px);
             let high = span.to_px.min(span.middle_px + EDGE * span.half_px);
-            let from = ((middle + low).ceil().max(0.0) as usize).min(width);
-            let to = ((middle + high).floor().max(0.0) as usize).clamp(from, width);
-            let scale = (TABLE as f64 / (2.0 * span.half_px)) as f32;
-            let offset = TABLE as f32 / 2.0 - (middle + span.middle_px) as f32 * scale;
+            let from = (raised(middle + low).max(0.0) as usize).min(width);
+            let to = ((middle + high).max(0.0) as usize).clamp(from, width);
+            let gain = shade.gain(span.phase_in_view_rad);
+            let scale = TABLE as f64 / (2.0 * span.half_px);
+            let first = TABLE as f64 / 2.0 + (from as f64 - middle - span.middle_px) * scale;
+            // Places in the table, counted in small parts of an entry.
+            let (mut place, scale) = ((first * PARTS) as u32, (scale * PARTS) as u32);
             let mut stripe = Stripe {
                 pixels: (to - from) as f32,
                 phase_in_view_rad: span.phase_in_view_rad as f32,
@@ -117,17 +122,20 @@ pub fn read_stripes(
             // psi in rope axes is asin(e) - sight + view angle.
             let turn = m * (span.sight_rad - outlines.angle_rad());
             let (s, co) = (turn.sin() as f32, turn.cos() as f32);
+            let (sin, cos) = span.sight_rad.sin_cos();
             let mut start = from;
             for facet in 0..FACETS {
-                let facet_to_rad = FACETS_RAD * (2.0 * (facet + 1) as f64 / FACETS as f64 - 1.0);
-                let edge = if facet + 1 == FACETS { high } else { span.column_px(facet_to_rad.clamp(-1.5, 1.5), 1.0) };
-                let end = ((middle + edge).ceil().max(0.0) as usize).clamp(start, to);
+                let edge = |&(sine, cosine): &(f64, f64)| span.middle_px + span.half_px * (sine * cos + cosine * sin);
+                let edge = table.ends.get(facet).map_or(high, edge);
+                let end = (raised(middle + edge).max(0.0) as usize).clamp(start, to);
                 let (mut re, mut im) = (0.0f32, 0.0f32);
-                for c in start..end {
-                    let entry = whole((c as f32 * scale + offset).min(TABLE as f32 - 1.0)) as usize & (TABLE - 1);
-                    let difference = (line[c] / (expected[c] + 0.05) - 1.0).clamp(-CUT, CUT);
-                    re += difference * table.cos[entry];
-                    im += difference * table.sin[entry];
+                for gray in &line[start..end] {
+                    let entry = (place >> PLACE_BITS) as usize & (TABLE - 1);
+                    let difference = (gray * gain[entry / (TABLE / PLACES)] - 1.0).clamp(-CUT, CUT);
+                    let (cos, sin) = table.waves[entry];
+                    re += difference * cos;
+                    im += difference * sin;
+                    place = place.wrapping_add(scale);
                 }
                 stripe.re[facet] = re * co - im * s;
                 stripe.im[facet] = re * s + im * co;
@@ -145,6 +153,28 @@ pub(super) fn turned_sum(m: f64, readings: impl Iterator<Item = (f64, Phasor)>, 
         let (sin, cos) = (m * rate * (x - origin_mm)).sin_cos();
         (re + a * cos - b * sin, im + a * sin + b * cos)
     })
+}
+
+/// The same at R rates as far apart as the first two.
+pub(super) fn turned_sums<const R: usize>(
+    m: f64,
+    readings: impl Iterator<Item = (f64, Phasor)>,
+    first_rate: f64,
+    second_rate: f64,
+    origin_mm: f64,
+) -> [Phasor; R] {
+    let mut sums = [(0.0, 0.0); R];
+    for (x, (a, b)) in readings {
+        let turns = m * (x - origin_mm);
+        let (sin, cos) = (turns * first_rate).sin_cos();
+        let (mut re, mut im) = (a * cos - b * sin, a * sin + b * cos);
+        let (sin, cos) = (turns * (second_rate - first_rate)).sin_cos();
+        for sum in &mut sums {
+            *sum = (sum.0 + re, sum.1 + im);
+            (re, im) = (re * cos - im * sin, re * sin + im * cos);
+        }
+    }
+    sums
 }
 
 fn magnitude((re, im): Phasor) -> f64 {
@@ -173,16 +203,16 @@ pub fn search_rate(wires: usize, passes: &[&[(f64, Stripe)]], rates: (f64, f64))
     let power = |rate: f64| {
         let mut apart = 0.0;
         for pass in passes {
-            let mut sums = [(0.0, 0.0); FACETS];
+            let (mut res, mut ims) = ([0.0f32; FACETS], [0.0f32; FACETS]);
             for (x, stripe) in *pass {
                 let (sin, cos) = (m * rate * (x - pass[0].0)).sin_cos();
-                for (sum, (&re, &im)) in sums.iter_mut().zip(stripe.re.iter().zip(&stripe.im)) {
-                    let (re, im) = (f64::from(re), f64::from(im));
-                    sum.0 += re * cos - im * sin;
-                    sum.1 += re * sin + im * cos;
+                let (sin, cos) = (sin as f32, cos as f32);
+                for f in 0..FACETS {
+                    res[f] += stripe.re[f] * cos - stripe.im[f] * sin;
+                    ims[f] += stripe.re[f] * sin + stripe.im[f] * cos;
                 }
             }
-            apart += sums.into_iter().map(magnitude).sum::<f64>();
+            apart += res.iter().zip(ims).map(|(&re, im)| magnitude((re.into(), im.into()))).sum::<f64>();
         }
         apart / total
     };
@@ -201,7 +231,7 @@ pub fn search_rate(wires: usize, passes: &[&[(f64, Stripe)]], rates: (f64, f64))
 const GOLDEN_STEPS: usize = 15;
 
 /// Golden section for the peak of a function that has one between `low` and `high`.
-fn peak(of: &impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
+pub(super) fn peak(of: &impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let near = |low: f64, high: f64| (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
     let (mut a, mut b) = near(low, high);
@@ -249,6 +279,18 @@ mod tests {
             let (rate, coherence) = search_rate(9, &[&a, &b], (TAU / lay * 0.75, TAU / lay * 1.3)).unwrap();
             assert!((TAU / rate - lay).abs() < 0.1, "{} for {lay}", TAU / rate);
             assert!(coherence > 0.99);
+        }
+    }
+
+    #[test]
+    fn sums_at_several_rates_are_those_at_each_of_them() {
+        let readings =
+            || pass(TAU / 79.0, 30.0).into_iter().map(|(x, s)| (x, (f64::from(s.re[3]), f64::from(s.im[3]))));
+        let rate = |k: usize| TAU / 82.0 + 1e-4 * k as f64;
+        let sums: [Phasor; 33] = turned_sums(9.0, readings(), rate(0), rate(1), 12.0);
+        for (k, sum) in sums.into_iter().enumerate() {
+            let (re, im) = turned_sum(9.0, readings(), rate(k), 12.0);
+            assert!((sum.0 - re).hypot(sum.1 - im) < 1e-9 * 175.0, "rate {k}: {sum:?} of {re}, {im}"); // rounding of 175 readings
         }
     }
 

@@ -2,15 +2,17 @@
 
 use super::aligner::{AlignerSpec, Measured, Views};
 use super::courses::{StrandCourses, joint_courses, predict_wires};
+use super::encoder::EncoderEvidence;
 use super::estimates::measured_rate;
 use super::lock::{normalised, residual_scale, runs};
 use super::measuring::{learn_pattern, measure_wires, read_wires, renew_patterns};
 use super::outline_detail::DetailSums;
 use super::smoothing::Measurement;
-use super::unwrapping::{FACETS, LINE_STRIDE, Stripe, search_rate, turned_sum};
+use super::unwrapping::{FACETS, Stripe, search_rate, turned_sum};
 use super::wire_count::{CountedRate, recount};
 use super::wire_pattern::PatternSums;
-use super::wire_tracking::{ShiftSums, WireKnot, WirePrediction, searched_rates};
+use super::wire_prediction::WirePrediction;
+use super::wire_tracking::{ShiftSums, WireKnot, searched_rates};
 use rayon::prelude::*;
 
 /// Stretches over which the wires are searched: about two lays of the strands.
@@ -25,7 +27,8 @@ pub(super) fn lock_wires(
     gathered: &mut [Measured],
 ) -> Vec<Option<WirePrediction>> {
     let n = spec.rope.strands();
-    gathered.par_iter_mut().for_each(|measured| read_wires(spec, views, measured));
+    let nothing = vec![None; n];
+    gathered.par_iter_mut().for_each(|measured| read_wires(spec, views, measured, &nothing));
     let Some(first) = gathered.iter().position(|m| m.reference.is_some()) else { return vec![None; n] };
     let run = gathered[first..].iter().take_while(|m| m.reference.is_some()).count();
     let searched: Vec<&Measured> = gathered[first..first + run.min(WIRE_SEARCH_STRETCHES)].iter().collect();
@@ -33,6 +36,8 @@ pub(super) fn lock_wires(
         let views = &*views;
         (0..n).into_par_iter().map(|j| search_wires(spec, views, &searched, j)).collect()
     };
+    // How fast the wires turn is known now, and with it what is theirs in the templates.
+    gathered.par_iter_mut().for_each(|measured| read_wires(spec, views, measured, &start));
     let mut wires = start.clone();
     for round in 0..3 {
         wires = start.clone();
@@ -43,10 +48,10 @@ pub(super) fn lock_wires(
             }
             measure_wires(spec, views, &mut rest[0], &wires);
             let window: Vec<&Measured> = before[first.max(k.saturating_sub(2))..].iter().chain([&rest[0]]).collect();
-            wires = predict_wires(spec, &window, &wires);
+            wires = predict_wires(spec, &window, &views.encoder, &wires);
         }
-        if round == 0 && views.models.len() <= MOST_VIEWS_WITH_GAPS {
-            let rates = recounted(spec, gathered, &start);
+        if round == 0 && !spec.sees_all_round() {
+            let rates = recounted(spec, &views.encoder, gathered, &start);
             for (prediction, rate) in start.iter_mut().zip(rates) {
                 if let (Some(prediction), Some(rate)) = (prediction, rate) {
                     prediction.rate_rad_per_mm = rate;
@@ -59,7 +64,7 @@ pub(super) fn lock_wires(
             let mut sums = ShiftSums::new(views.models.len());
             for run in &all {
                 let window: Vec<&Measured> = run.iter().collect();
-                let courses = joint_courses(spec, &window, None, rates);
+                let courses = joint_courses(spec, &window, &views.encoder, rates).strands;
                 let mut knot = 0;
                 for measured in *run {
                     add_shifts(spec, measured, &courses, knot, &mut sums);
@@ -72,7 +77,8 @@ pub(super) fn lock_wires(
             let mut series = Vec::new();
             for run in &all {
                 let window: Vec<&Measured> = run.iter().collect();
-                for (j, courses) in joint_courses(spec, &window, None, rates).into_iter().enumerate() {
+                for (j, courses) in joint_courses(spec, &window, &views.encoder, rates).strands.into_iter().enumerate()
+                {
                     if let (Some(strand), Some(wires)) = (courses.strand, courses.wires) {
                         let variances: Vec<(f64, f64)> =
                             (0..wires.len()).map(|k| (strand.phase_variance(k), wires.phase_variance(k))).collect();
@@ -96,15 +102,17 @@ pub(super) fn lock_wires(
     wires
 }
 
-/// Up to so many views leave gaps in which nobody sees a strand.
-const MOST_VIEWS_WITH_GAPS: usize = 2;
-
 /// Wire rates of all strands over the gathered stretches, with the most plausible counts of wires between the passes.
-fn recounted(spec: &AlignerSpec, gathered: &[Measured], start: &[Option<WirePrediction>]) -> Vec<Option<f64>> {
+fn recounted(
+    spec: &AlignerSpec,
+    known: &EncoderEvidence,
+    gathered: &[Measured],
+    start: &[Option<WirePrediction>],
+) -> Vec<Option<f64>> {
     let run = runs(gathered).into_iter().max_by_key(|run| run.len()).unwrap_or_default();
     let window: Vec<&Measured> = run.iter().collect();
     let Some(reference) = run.first().and_then(|m| m.reference.as_ref()) else { return vec![None; start.len()] };
-    let courses = joint_courses(spec, &window, None, |j| start[j].map(|p| p.rate_rad_per_mm));
+    let courses = joint_courses(spec, &window, known, |j| start[j].map(|p| p.rate_rad_per_mm)).strands;
     let rates: Vec<Option<CountedRate>> = courses
         .iter()
         .enumerate()
@@ -161,7 +169,7 @@ pub(super) fn learn_patterns(
         }
         let window: Vec<&Measured> =
             gathered[at..].iter().take_while(|m| m.reference.is_some()).take(k + 2 - at).collect();
-        let courses = joint_courses(spec, &window, None, |j| measured_rate(spec, measured, j));
+        let courses = joint_courses(spec, &window, &views.encoder, |j| measured_rate(spec, measured, j)).strands;
         let first_knot: usize = gathered[at..k].iter().map(|m| m.knots(spec)).sum();
         learn_pattern(spec, views, measured, &courses, first_knot);
         let knots = measured.knots(spec);
@@ -189,7 +197,7 @@ fn add_shifts(
     let grid = measured.grid(spec);
     for (v, stripes) in measured.stripes.iter().enumerate() {
         for (reading, row) in stripes.stripes.chunks_exact(n).enumerate() {
-            let knot = (reading * LINE_STRIDE / spec.knot_lines).min(grid.knots - 1);
+            let knot = grid.knot_of(reading);
             for (j, course) in courses.iter().enumerate() {
                 if let (Some(course), true) = (&course.wires, row[j].pixels > 0.0) {
                     let at = first_knot + knot;

@@ -7,6 +7,7 @@
 use super::image::GrayImage;
 use super::rope::Rope;
 use super::template::{PHASE_BINS, PhaseBin, Template, normalised_line, phase_bin};
+use super::wire_tracking::strand_share;
 
 /// Harmonics of the wire period that are kept; wires are round, so two describe them well.
 pub const HARMONICS: usize = 2;
@@ -60,6 +61,7 @@ impl PatternSums {
             phases(k, &mut strands, &mut wires);
             let mean = mean_phase(rope, &strands);
             let bin = phase_bin(rope, mean - angle_rad);
+            turn_with_strands(rope, angle_rad, &strands, &mut wires);
             let expected = template.mean(bin.row);
             for span in template.spans(bin.row) {
                 let j = (bin.nearest + span.strand) % n;
@@ -88,7 +90,7 @@ impl PatternSums {
 }
 
 /// Columns between the strands.
-const NO_STRAND: usize = usize::MAX;
+const NO_STRAND: u32 = u32::MAX;
 
 /// Product of complex numbers.
 fn times((a, b): (f32, f32), (c, d): (f32, f32)) -> (f32, f32) {
@@ -99,6 +101,14 @@ fn times((a, b): (f32, f32), (c, d): (f32, f32)) -> (f32, f32) {
 pub fn mean_phase(rope: &Rope, strand_phases_rad: &[f64]) -> f64 {
     let n = strand_phases_rad.len() as f64;
     strand_phases_rad.iter().enumerate().map(|(j, p)| p - j as f64 * rope.strand_step_rad()).sum::<f64>() / n
+}
+
+/// Turns wires on as they seem turned in the view at `angle_rad` because their strands do not stand at their regular places.
+pub fn turn_with_strands(rope: &Rope, angle_rad: f64, strands_rad: &[f64], wires_rad: &mut [f64]) {
+    let mean = mean_phase(rope, strands_rad);
+    for (j, (wire, strand)) in wires_rad.iter_mut().zip(strands_rad).enumerate() {
+        *wire += strand_share(rope, strand - angle_rad) * (strand - j as f64 * rope.strand_step_rad() - mean);
+    }
 }
 
 /// The learnt pattern: expected difference = sum over h of re_h cos(h M phase) + im_h sin(h M phase).
@@ -126,7 +136,7 @@ impl WirePattern {
                     let psi = span.surface_rad(c as f64 - (width / 2) as f64);
                     let (sin, cos) = (rope.wires() as f64 * psi).sin_cos();
                     turns[row * width + c] = (cos as f32, sin as f32);
-                    strands[row * width + c] = span.strand;
+                    strands[row * width + c] = span.strand as u32;
                 }
             }
         }
@@ -184,23 +194,24 @@ impl WirePattern {
         per_rad: &mut [f32],
         columns: std::ops::Range<usize>,
     ) {
-        per_rad[columns.clone()].fill(0.0);
-        for h in 0..HARMONICS {
-            let turns = ((h + 1) * wires) as f64;
-            let (sin, cos) = (turns * wire_phase_in_view_rad).sin_cos();
-            let (sin, cos, turns) = (sin as f32, cos as f32, turns as f32);
+        let (sin, cos) = (wires as f64 * wire_phase_in_view_rad).sin_cos();
+        let turn = (cos as f32, sin as f32);
+        let [(cos, sin), (cos_twice, sin_twice)] = [turn, times(turn, turn)];
+        let wires = wires as f32;
+        let [first, second] = std::array::from_fn::<_, HARMONICS, _>(|h| {
             let at = (h * PHASE_BINS + row) * self.width;
-            let (re, im) =
-                (&self.re[at..at + self.width][columns.clone()], &self.im[at..at + self.width][columns.clone()]);
-            let targets = line[columns.clone()].iter_mut().zip(&mut per_rad[columns.clone()]);
-            for ((value, slope), (&a, &b)) in targets.zip(re.iter().zip(im)) {
-                *value -= a * cos + b * sin;
-                *slope += turns * (b * cos - a * sin);
-            }
+            self.re[at..at + self.width][columns.clone()].iter().zip(&self.im[at..at + self.width][columns.clone()])
+        });
+        let targets = line[columns.clone()].iter_mut().zip(&mut per_rad[columns]);
+        for (((value, slope), (a, b)), (a_twice, b_twice)) in targets.zip(first).zip(second) {
+            *value -= a * cos + b * sin + a_twice * cos_twice + b_twice * sin_twice;
+            *slope = wires * (b * cos - a * sin + 2.0 * (b_twice * cos_twice - a_twice * sin_twice));
         }
     }
 
-    /// Takes the wires of all strands out of a normalised line: `wires_rad[j]` in rope axes, NaN where unknown.
+    /// Takes the wires of all strands out of a normalised line: `wires_rad[j]` in rope axes, NaN where unknown. Else as in
+    /// [`Self::subtract`].
+    #[expect(clippy::too_many_arguments, reason = "as in `add`")]
     pub fn subtract_all(
         &self,
         rope: &Rope,
@@ -209,13 +220,13 @@ impl WirePattern {
         wires_rad: &[f64],
         angle_rad: f64,
         line: &mut [f32],
+        per_rad: &mut [f32],
     ) {
-        let mut per_rad = vec![0.0; line.len()];
         for span in template.spans(bin.row) {
             let wire = wires_rad[(bin.nearest + span.strand) % wires_rad.len()];
             if !wire.is_nan() {
                 let (from, to) = template.columns(span);
-                self.subtract(rope.wires(), bin.row, wire - angle_rad, line, &mut per_rad, from..to);
+                self.subtract(rope.wires(), bin.row, wire - angle_rad, line, per_rad, from..to);
             }
         }
     }

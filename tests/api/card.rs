@@ -9,8 +9,8 @@ use serde_json::json;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_card_shows_a_defect_with_what_intact_rope_would_look_like() {
-    let defects = Recipe { defects: 2, defect_free_m: 1.0, ..Recipe::photographic() };
-    let folder = simulated(&Recipe { metres: 1.6, view_angles_deg: vec![0.0], ..defects });
+    let defects = Recipe { defects: 6, defect_free_m: 1.4, ..Recipe::photographic() };
+    let folder = simulated(&Recipe { metres: 2.6, view_angles_deg: vec![0.0], ..defects });
     let data = tempfile::tempdir().unwrap();
     let token = token(data.path());
     let process = Process::serve(data.path(), 0, &[]);
@@ -18,7 +18,7 @@ async fn a_card_shows_a_defect_with_what_intact_rope_would_look_like() {
     let acquisition = upload(&admin, folder.path()).await;
     // A metre tells little of what two false defects in 100 m score: the largest budget gives the lowest threshold.
     let budget = json!({ "false_defects_per_100m": 100.0 });
-    let train = json!({ "kind": "train", "acquisition_id": acquisition, "to_m": 1.0, "budget": budget });
+    let train = json!({ "kind": "train", "acquisition_id": acquisition, "to_m": 1.4, "budget": budget });
     let model = admin.run(train).await["result"]["model_id"].clone();
     let inspect = json!({ "kind": "inspect", "acquisition_id": acquisition, "model_id": model });
     let inspection = admin.run(inspect).await["result"]["inspection_id"].as_str().unwrap().to_owned();
