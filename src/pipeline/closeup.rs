@@ -111,7 +111,7 @@ pub fn closeup(
         .and_then(|mut maps| maps.images.pop())
         .unwrap_or_default();
     let place = Place { seen, first_line: stretch.first_line, lines, columns };
-    let appearance = &model.views[alarm.view].factors[0].appearance;
+    let appearance = &model.views[alarm.view].gray;
     let light = place.light();
     let mut surface = place.seen.surface_map();
     let intact = Renderer::new(appearance).render(&mut surface, &view.axis_px, sensor_px, light, Texture::Expected);

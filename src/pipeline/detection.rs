@@ -93,7 +93,6 @@ impl<'a> Detection<'a> {
         let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
         scored.iter_mut().flatten().for_each(|scores| model.lasting.raise(scores, block_mm));
         self.intact.add(&scored, model.report.threshold, block_mm);
-        let gray = |v: usize| model.views[v].factors.first().map(|factor| &factor.appearance);
         let sensor_px = self.acquisition.sensor_px as usize;
         let drawn: Vec<GrayImage> = self
             .builders
@@ -103,7 +102,7 @@ impl<'a> Detection<'a> {
                 let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) else {
                     return if maps { white(sensor_px, stretch.lines) } else { GrayImage::default() };
                 };
-                let mut looker = Looker::new(seen, scores, gray(v));
+                let mut looker = Looker::new(seen, scores, &model.views[v].gray);
                 builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
                     looker.look(block, threshold)
                 });
@@ -113,7 +112,7 @@ impl<'a> Detection<'a> {
         if let Some((level, builders)) = &mut self.again {
             for (v, builder) in builders.iter_mut().enumerate() {
                 if let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) {
-                    let mut looker = Looker::new(seen, scores, gray(v));
+                    let mut looker = Looker::new(seen, scores, &model.views[v].gray);
                     builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
                         looker.look(block, *level)
                     });

@@ -7,8 +7,8 @@ use crate::vision::inspection_model::AlignedView;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// The fold that judges the others.
-const LAST_FOLD: usize = FOLDS - 1;
+/// The fold that judges the others; little rope fills only the first ones.
+const JUDGE: usize = 1;
 /// Shares of the rope after which the model is looked at.
 const SHARES: [f64; 3] = [0.125, 0.25, 0.5];
 /// Nats per pixel that are not worth more rope: of some 1.5 that a model of metres knows.
@@ -63,7 +63,7 @@ impl GrowingGray {
             metres: 0.0,
             learnt_m: 0.0,
             stretches: 0,
-            of_stretches: (0..of_stretches).filter(|&number| fold_of(number) != LAST_FOLD).count(),
+            of_stretches: (0..of_stretches).filter(|&number| fold_of(number) != JUDGE).count(),
             parts: Vec::new(),
         }
     }
@@ -73,18 +73,18 @@ impl GrowingGray {
         aligned.learn_gray(&mut self.folds[fold_of(number)]);
         let metres = aligned.view.image.lines() as f64 * aligned.pitch_mm / 1000.0;
         self.metres += metres;
-        if fold_of(number) == LAST_FOLD {
+        if fold_of(number) == JUDGE {
             return; // the curve is judged by it
         }
         self.learnt_m += metres;
         self.stretches += 1;
         if SHARES.iter().any(|share| (share * self.of_stretches as f64).ceil() as usize == self.stretches) {
-            self.parts.push((self.learnt_m, without(&self.folds, LAST_FOLD)));
+            self.parts.push((self.learnt_m, without(&self.folds, JUDGE)));
         }
     }
 }
 
-/// The learning curve over all views: learnt from all folds but the last, which judges.
+/// The learning curve over all views: learnt from all folds but one, which judges.
 pub(super) fn curve(views: &[GrowingGray]) -> Vec<LearningPoint> {
     let of_view: Vec<Vec<LearningPoint>> = views.par_iter().map(of_view).collect();
     let points = of_view.iter().map(Vec::len).min().unwrap_or(0);
@@ -102,11 +102,11 @@ pub(super) fn curve(views: &[GrowingGray]) -> Vec<LearningPoint> {
 fn of_view(gray: &GrowingGray) -> Vec<LearningPoint> {
     let point = |metres: f64, part: &Histogram| LearningPoint {
         metres,
-        nats_per_pixel: nats_per_pixel(&Appearance::learn(part, SIGMA_BINS), &gray.folds[LAST_FOLD]),
+        nats_per_pixel: nats_per_pixel(&Appearance::learn(part, SIGMA_BINS), &gray.folds[JUDGE]),
     };
     let parts = gray.parts.par_iter().filter(|(metres, _)| *metres < gray.learnt_m);
     let mut points: Vec<LearningPoint> = parts.map(|(metres, part)| point(*metres, part)).collect();
-    points.push(point(gray.learnt_m, &without(&gray.folds, LAST_FOLD)));
+    points.push(point(gray.learnt_m, &without(&gray.folds, JUDGE)));
     points
 }
 
@@ -144,7 +144,7 @@ mod tests {
             gray.parts.push((0.2 * (stretch + 1) as f64, gray.folds[0].clone()));
         }
         gray.learnt_m = 0.2 * stretches as f64;
-        fill(&mut gray.folds[LAST_FOLD], 1000, 20);
+        fill(&mut gray.folds[JUDGE], 1000, 20);
         gray
     }
 

@@ -5,6 +5,7 @@ use crate::vision::appearance::Appearance;
 use crate::vision::factor::FACTORS;
 use crate::vision::histogram::{Histogram, SIGMA_BINS};
 use crate::vision::inspection_model::{AlignedView, ViewAppearance};
+use crate::vision::usual::Moments;
 
 /// Gray values are learnt, further factors are gathered.
 #[derive(Debug)]
@@ -13,7 +14,7 @@ pub(super) struct LearningView {
     gray: Appearance,
     /// `[fold]`: what the others taught.
     gray_by_others: [Appearance; FOLDS],
-    factors: [[Histogram; FACTORS.len()]; FOLDS],
+    factors: [[Moments; FACTORS.len()]; FOLDS],
 }
 
 /// Everything is learnt, nothing calibrated.
@@ -43,15 +44,15 @@ impl LearningView {
 
     /// Learns the further factors.
     pub fn learnt(self) -> LearntView {
-        let by_others = |except: usize| {
+        let others = |except: usize| -> Vec<Moments> {
             let of_factor =
                 |factor: usize| sum((0..FOLDS).filter(|&fold| fold != except).map(|fold| &self.factors[fold][factor]));
-            (0..FACTORS.len()).map(of_factor).collect::<Vec<_>>()
+            (0..FACTORS.len()).map(of_factor).collect()
         };
         LearntView {
-            whole: ViewAppearance::new(self.gray.clone(), &by_others(FOLDS)),
+            whole: ViewAppearance::new(self.gray.clone(), &others(FOLDS)),
             by_others: std::array::from_fn(|fold| {
-                ViewAppearance::new(self.gray_by_others[fold].clone(), &by_others(fold))
+                ViewAppearance::new(self.gray_by_others[fold].clone(), &others(fold))
             }),
         }
     }

@@ -4,15 +4,17 @@ use super::tables::write_error;
 use super::train::TrainReport;
 use super::{Acquisition, PipelineError};
 use crate::vision::appearance::{Appearance, TABLES};
-use crate::vision::histogram::REGIONS;
-use crate::vision::inspection_model::{LearntFactor, ViewAppearance};
+use crate::vision::factor::FACTORS;
+use crate::vision::histogram::{CELLS, REGIONS};
+use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::lasting::Lasting;
 use crate::vision::scoring::{FilterCalibration, RegionLevel};
+use crate::vision::usual::Usual;
 use serde::{Deserialize, Serialize};
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-const MAGIC: &[u8] = b"ropescope model 5\n";
+const MAGIC: &[u8] = b"ropescope model 6\n";
 /// How models of every version begin.
 const KIND: &[u8] = b"ropescope model ";
 /// Longest header that is read, in bytes.
@@ -50,7 +52,7 @@ struct Header {
     calibration: Vec<Vec<Vec<Option<CalibrationNumbers>>>>,
     /// Cut, from and rise of [`Lasting`].
     lasting: [f32; 3],
-    /// Floats of the tables of a factor.
+    /// Floats of the tables of the gray value.
     table_lens: [usize; 3],
 }
 
@@ -92,10 +94,10 @@ impl Model {
                 .views
                 .iter()
                 .map(|v| {
-                    v.factors
-                        .iter()
-                        .map(|f| f.calibration.iter().map(|c| c.as_ref().map(CalibrationNumbers::of)).collect())
-                        .collect()
+                    let of_factor = |filters: &Vec<Option<FilterCalibration>>| {
+                        filters.iter().map(|c| c.as_ref().map(CalibrationNumbers::of)).collect()
+                    };
+                    v.calibration.iter().map(of_factor).collect()
                 })
                 .collect(),
             lasting: [self.lasting.cut, self.lasting.from, self.lasting.rise],
@@ -107,8 +109,9 @@ impl Model {
             file.write_all(&(header.len() as u32).to_le_bytes())?;
             file.write_all(&header)?;
             let mut packer = zstd::Encoder::new(&mut file, 3)?;
-            for factor in self.views.iter().flat_map(|v| &v.factors) {
-                for value in factor.appearance.tables().into_iter().flatten() {
+            for view in &self.views {
+                let further = view.further.iter().flat_map(Usual::tables);
+                for value in view.gray.tables().into_iter().chain(further).flatten() {
                     packer.write_all(&value.to_le_bytes())?;
                 }
             }
@@ -136,21 +139,20 @@ impl Model {
             unpacker.read_exact(&mut bytes).map_err(|e| unusable(format!("it is cut short or damaged ({e})")))?;
             Ok(bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
         };
-        let wrong_size = || unusable("its calibration has the wrong size".into());
+        let wrong_size = |what: &str| unusable(format!("its {what} has the wrong size"));
         let mut views = Vec::new();
-        for view in &header.calibration {
-            let mut factors = Vec::new();
-            for calibration in view {
-                let [likelihood, score, expected] = TABLES;
-                let appearance = Appearance::from_tables([table(likelihood)?, table(score)?, table(expected)?])
-                    .ok_or_else(|| unusable("its tables have the wrong size".into()))?;
-                let calibration = calibration
-                    .iter()
-                    .map(|numbers| numbers.as_ref().map(|n| n.calibration().ok_or_else(wrong_size)).transpose())
-                    .collect::<Result<_, _>>()?;
-                factors.push(LearntFactor { appearance, calibration });
-            }
-            views.push(ViewAppearance { factors });
+        for factors in &header.calibration {
+            let [likelihood, score, expected] = TABLES;
+            let gray = Appearance::from_tables([table(likelihood)?, table(score)?, table(expected)?]);
+            let gray = gray.ok_or_else(|| wrong_size("appearance"))?;
+            let mut usual =
+                || Usual::from_tables([table(CELLS)?, table(CELLS)?]).ok_or_else(|| wrong_size("appearance"));
+            let further = FACTORS.iter().map(|_| usual()).collect::<Result<_, _>>()?;
+            let filter = |numbers: &Option<CalibrationNumbers>| {
+                numbers.as_ref().map(|n| n.calibration().ok_or_else(|| wrong_size("calibration"))).transpose()
+            };
+            let calibration = factors.iter().map(|filters| filters.iter().map(filter).collect());
+            views.push(ViewAppearance { gray, further, calibration: calibration.collect::<Result<_, _>>()? });
         }
         let [cut, from, rise] = header.lasting;
         let lasting = Lasting { cut, from, rise };

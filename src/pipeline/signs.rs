@@ -19,7 +19,7 @@ const GRAIN_MM: f64 = 0.3;
 pub(super) struct Looker<'a> {
     seen: AlignedView<'a>,
     scores: &'a StretchScores,
-    gray: Option<&'a Appearance>,
+    gray: &'a Appearance,
     /// Made for the first alarm: most stretches have none.
     tools: Option<Tools<'a>>,
 }
@@ -32,14 +32,14 @@ struct Tools<'a> {
 }
 
 impl<'a> Looker<'a> {
-    /// For a view; `gray` is the first factor of its model.
-    pub fn new(seen: AlignedView<'a>, scores: &'a StretchScores, gray: Option<&'a Appearance>) -> Self {
+    /// For a view; `gray` is what its model expects.
+    pub fn new(seen: AlignedView<'a>, scores: &'a StretchScores, gray: &'a Appearance) -> Self {
         Self { seen, scores, gray, tools: None }
     }
 
     /// What a block over the threshold shows at its middle line.
     pub fn look(&mut self, block: usize, threshold: f64) -> Option<Look> {
-        let (seen, scores, gray) = (self.seen, self.scores, self.gray?);
+        let (seen, scores, gray) = (self.seen, self.scores, self.gray);
         let camera = seen.camera;
         let Tools { scale, contour, map } = self.tools.get_or_insert_with(|| {
             let half_width_px = camera.px_per_mm * seen.rope.diameter_mm() / 2.0;

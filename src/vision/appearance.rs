@@ -7,13 +7,13 @@ use super::image::GrayImage;
 use super::surface_map::{whole, within};
 
 /// Observations that a cell needs (after smoothing) before it is judged.
-const LEAST_OBSERVATIONS: f32 = 30.0;
+pub(super) const LEAST_OBSERVATIONS: f32 = 30.0;
 /// epsilon of eq. 22, in units of a uniform density over gray.
 const EPSILON: f32 = 0.05;
 /// Observations that the mean of the cells around counts as when a cell's own mean is taken.
-const OBSERVATIONS_AROUND: f32 = 100.0;
-/// Anomaly scores of single pixels are cut here: one pixel proves little.
-const CUT: f32 = 5.0;
+pub(super) const OBSERVATIONS_AROUND: f32 = 100.0;
+/// Anomaly scores of single pixels and places are cut here: one of them proves little.
+pub(super) const CUT: f32 = 5.0;
 
 /// Lines over which the light is averaged before it is divided out: longer than any defect that must not be divided out with it.
 pub const LIGHT_LINES: usize = 800;
@@ -87,8 +87,6 @@ pub struct Appearance {
     score: Vec<f32>,
     /// Mean gray bin of every cell; NaN in cells that were not seen often enough.
     expected: Vec<f32>,
-    /// Standard deviation of the gray bin of every cell.
-    spread: Vec<f32>,
 }
 
 impl Appearance {
@@ -145,17 +143,12 @@ impl Appearance {
                 }
             }
         }
-        Self { expected: expected(&likelihood, histogram), spread: spread(&likelihood), likelihood, score }
+        Self { expected: expected(&likelihood, histogram), likelihood, score }
     }
 
     /// Restores a model from its tables. `None` if their sizes are not those of this version.
     pub fn from_tables([likelihood, score, expected]: [Vec<f32>; 3]) -> Option<Self> {
-        ([likelihood.len(), score.len(), expected.len()] == TABLES).then(|| Self {
-            spread: spread(&likelihood),
-            expected,
-            likelihood,
-            score,
-        })
+        ([likelihood.len(), score.len(), expected.len()] == TABLES).then_some(Self { expected, likelihood, score })
     }
 
     /// The tables that [`Self::from_tables`] restores: likelihood, score and expected gray. Their lengths are [`TABLES`].
@@ -167,12 +160,6 @@ impl Appearance {
     #[inline]
     pub fn scores(&self, cell: usize) -> &[f32] {
         &self.score[cell * GRAY_BINS..(cell + 1) * GRAY_BINS]
-    }
-
-    /// How many standard deviations a bin is above what is expected at a surface cell; NaN where the model cannot tell.
-    #[inline]
-    pub fn above(&self, cell: usize, bin: u8) -> f32 {
-        ((f32::from(bin) + 0.5 - self.expected[cell]) / self.spread[cell]).min(CUT)
     }
 
     /// Expected gray bin (middle of a bin is at + 0.5), mean of a surface cell; NaN where the model cannot tell.
@@ -207,7 +194,7 @@ impl Appearance {
     }
 }
 
-/// Floats of the tables of a factor.
+/// Floats of its tables.
 pub const TABLES: [usize; 3] = [CELLS * GRAY_BINS, CELLS * GRAY_BINS, CELLS];
 
 /// The two bins between whose middles a place lies, by the first of them, and how far it is on the way to the second.
@@ -232,19 +219,6 @@ fn expected(likelihood: &[f32], histogram: &Histogram) -> Vec<f32> {
         (sum + OBSERVATIONS_AROUND * mean / total) / (count + OBSERVATIONS_AROUND) // NaN where total is 0
     };
     likelihood.chunks_exact(GRAY_BINS).enumerate().map(of_cell).collect()
-}
-
-fn spread(likelihood: &[f32]) -> Vec<f32> {
-    likelihood
-        .chunks_exact(GRAY_BINS)
-        .map(|p| {
-            let total: f32 = p.iter().sum();
-            let moment = |power: i32| {
-                p.iter().enumerate().map(|(bin, p)| (bin as f32 + 0.5).powi(power) * p).sum::<f32>() / total
-            };
-            (moment(2) - moment(1).powi(2)).max(0.25).sqrt()
-        })
-        .collect()
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! paper's filter along the wire course is a plain sum over blocks. Defects are 0.5 mm gaps and 150 mm missing wires: several
 //! filter lengths stand side by side.
 
-use super::appearance::{Appearance, GrayScale};
+use super::appearance::GrayScale;
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::factor::{FACTOR_LENGTHS_MM, Factor};
@@ -13,6 +13,7 @@ use super::residuals::Residuals;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
+use super::usual::Usual;
 use std::ops::{Range, RangeInclusive};
 
 /// Length of a block along the rope in mm: finer than the smallest gap of interest.
@@ -126,11 +127,11 @@ pub fn learn(
 
 impl Evidence {
     /// Scores a further factor of the appearance at every place of the unrolled rope.
-    pub fn of_factor(residuals: &Residuals, factor: Factor, appearance: &Appearance, pitch_mm: f64) -> Self {
+    pub fn of_factor(residuals: &Residuals, factor: Factor, usual: &Usual, pitch_mm: f64) -> Self {
         let (blocks, strands, places) = (residuals.blocks, residuals.strands, residuals.places);
         let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places, FACTOR_LENGTHS_MM);
-        residuals.for_each(factor, pitch_mm, |at, cell, bin| {
-            let score = appearance.above(cell, bin);
+        residuals.for_each(factor, pitch_mm, |at, cell, value| {
+            let score = usual.above(cell, value);
             if score.is_finite() {
                 evidence.set(at, score, 1.0, region(cell)); // once a place
             }

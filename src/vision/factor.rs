@@ -4,7 +4,6 @@
 //! look at changes along a wire and across it, and are judged like the gray itself: by how likely they are on intact rope at that
 //! surface point.
 
-use super::histogram::GRAY_BINS;
 use std::ops::RangeInclusive;
 
 /// Lengths of the filters in mm under which the gray value is asked: a long shade is dirt or light more often than damage.
@@ -30,21 +29,21 @@ pub enum Factor {
     Step,
 }
 
+/// Farthest from the middle of its scale that a factor counts: a single place must not move what is usual.
+const MOST: f32 = 16.0;
+
 /// The factors beside the gray value, in the order in which they are stored.
 pub const FACTORS: [Factor; 4] = [Factor::Texture, Factor::Relief, Factor::Across, Factor::Step];
 
 impl Factor {
-    /// Bin of the factor's value: missing share of the shading for [`Self::Relief`], a mean squared change of gray bins for the
-    /// others. `None` for NaN.
-    pub fn bin(self, value: f32) -> Option<u8> {
-        if value.is_nan() {
-            return None;
-        }
-        let centred = match self {
-            Self::Texture => (value + 0.02).ln() * 4.0,
-            Self::Relief => value * 10.0,
-            Self::Across | Self::Step => (value + 0.02).ln() * 2.5,
+    /// The factor of what was measured on a scale on which intact rope is spread evenly: from the missing share of the shading for
+    /// [`Self::Relief`], from a mean squared change of gray bins for the others. NaN stays NaN.
+    pub fn scaled(self, measured: f32) -> f32 {
+        let scaled = match self {
+            Self::Texture => (measured + 0.02).ln() * 4.0,
+            Self::Relief => measured * 10.0,
+            Self::Across | Self::Step => (measured + 0.02).ln() * 2.5,
         };
-        Some((centred + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0) as u8)
+        scaled.clamp(-MOST, MOST)
     }
 }

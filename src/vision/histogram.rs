@@ -1,5 +1,7 @@
 //! Joint density of gray value and surface point: a 4-D histogram, smoothed into a Parzen estimate. [Wacker13, eq. 18-19]
 
+use std::ops::AddAssign;
+
 /// Bins of the normalised gray value.
 pub const GRAY_BINS: usize = 32;
 /// Bins of the strand's phase in view.
@@ -14,8 +16,6 @@ pub const CELLS: usize = STRAND_BINS * WIRE_BINS * DISTANCE_BINS;
 /// Standard deviations of the Gaussian window along (gray, strand phase, wire phase, distance), in bins: the diagonal of eq. 19.
 /// Chosen by held-out likelihood on simulated ropes; gray is the widest, as in the paper.
 pub const SIGMA_BINS: [f32; 4] = [1.2, 1.0, 0.8, 0.5];
-/// The same for further factors, of which there is one value where there are thirty gray values.
-pub const FACTOR_SIGMA_BINS: [f32; 4] = [1.2, 2.0, 1.6, 1.0];
 
 /// Counts n_i of eq. 18, `counts[cell * GRAY_BINS + gray]`; cells run over strand phase, wire phase, distance (fastest).
 #[derive(Debug, Clone, PartialEq)]
@@ -63,13 +63,6 @@ impl Histogram {
         self.counts[cell * GRAY_BINS + gray_bin] += 1.0;
     }
 
-    /// Adds all observations of another histogram.
-    pub fn merge(&mut self, other: &Histogram) {
-        for (a, b) in self.counts.iter_mut().zip(&other.counts) {
-            *a += b;
-        }
-    }
-
     /// Counts of one cell over gray.
     pub fn of_cell(&self, cell: usize) -> &[f32] {
         &self.counts[cell * GRAY_BINS..(cell + 1) * GRAY_BINS]
@@ -83,15 +76,29 @@ impl Histogram {
     /// The Parzen estimate of eq. 18, times n: a Gaussian window is separable, so each axis is smoothed on its own.
     /// At the ends of an axis the window is cut and renormalised.
     pub fn smoothed(&self, sigma_bins: [f32; 4]) -> Histogram {
-        let dims = [STRAND_BINS, WIRE_BINS, DISTANCE_BINS, GRAY_BINS];
-        let sigmas = [sigma_bins[1], sigma_bins[2], sigma_bins[3], sigma_bins[0]];
-        let mut counts = self.counts.clone();
-        for axis in 0..4 {
-            let stride: usize = dims[axis + 1..].iter().product();
-            counts = smooth_axis(&counts, dims[axis], stride, sigmas[axis]);
-        }
-        Histogram { counts }
+        let [gray, cells @ ..] = sigma_bins;
+        let counts = smooth_over_cells(&self.counts, GRAY_BINS, cells);
+        Histogram { counts: smooth_axis(&counts, GRAY_BINS, 1, gray) }
     }
+}
+
+impl AddAssign<&Histogram> for Histogram {
+    /// Adds all observations of another histogram.
+    fn add_assign(&mut self, other: &Histogram) {
+        self.counts.iter_mut().zip(&other.counts).for_each(|(a, b)| *a += b);
+    }
+}
+
+/// Smooths what every cell has so many values of, `[cell * values + value]`, over (strand phase, wire phase, distance), with a window
+/// of these standard deviations in bins.
+pub(super) fn smooth_over_cells(cells: &[f32], values: usize, sigma_bins: [f32; 3]) -> Vec<f32> {
+    let lens = [STRAND_BINS, WIRE_BINS, DISTANCE_BINS];
+    let mut smoothed = cells.to_vec();
+    for (axis, sigma) in sigma_bins.into_iter().enumerate() {
+        let stride = lens[axis + 1..].iter().product::<usize>() * values;
+        smoothed = smooth_axis(&smoothed, lens[axis], stride, sigma);
+    }
+    smoothed
 }
 
 fn smooth_axis(values: &[f32], len: usize, stride: usize, sigma: f32) -> Vec<f32> {

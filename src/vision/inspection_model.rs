@@ -5,27 +5,24 @@ use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
 use super::factor::FACTORS;
-use super::histogram::{FACTOR_SIGMA_BINS, Histogram};
+use super::histogram::Histogram;
 use super::residuals::Residuals;
 use super::rope::Rope;
 use super::scoring::{CalibrationSums, FilterCalibration, StretchScores, score};
 use super::stretch::ViewStretch;
 use super::surface_map::SurfaceMap;
+use super::usual::{Moments, Usual};
 
-/// One factor: its density given the surface point, and the calibration of its filters.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LearntFactor {
-    /// Density and scores.
-    pub appearance: Appearance,
-    /// Calibration of every filter, `None` for those that are not asked; empty until calibrated.
-    pub calibration: Vec<Option<FilterCalibration>>,
-}
-
-/// What one view learnt: the gray value first, then [`FACTORS`].
+/// What one view learnt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewAppearance {
-    /// The factors.
-    pub factors: Vec<LearntFactor>,
+    /// The gray value.
+    pub gray: Appearance,
+    /// The further factors, in the order of [`FACTORS`].
+    pub further: Vec<Usual>,
+    /// Calibration of the filters of the gray value and of every further factor, `[factor][filter]`: `None` for filters that are not
+    /// asked, empty for factors that are not.
+    pub calibration: Vec<Vec<Option<FilterCalibration>>>,
 }
 
 /// One view of an aligned stretch.
@@ -60,48 +57,46 @@ impl<'a> AlignedView<'a> {
         Residuals::gather(self.rope, self.camera, self.estimates, self.view, gray, self.block_lines, self.pitch_mm)
     }
 
-    /// Second pass: adds the further factors, relative to the learnt gray, to their histograms.
-    pub fn learn_factors(&self, gray: &Appearance, histograms: &mut [Histogram; FACTORS.len()]) {
+    /// Second pass: adds the further factors, relative to the learnt gray.
+    pub fn learn_factors(&self, gray: &Appearance, moments: &mut [Moments; FACTORS.len()]) {
         let (_, residuals) = self.gather(gray);
-        for (factor, histogram) in FACTORS.into_iter().zip(histograms) {
-            residuals.for_each(factor, self.pitch_mm, |_, cell, bin| histogram.add(cell, usize::from(bin)));
+        for (factor, moments) in FACTORS.into_iter().zip(moments) {
+            residuals.for_each(factor, self.pitch_mm, |_, cell, value| moments.add(cell, value));
         }
     }
 
-    /// Evidence of every factor.
+    /// Evidence of the gray value and of every further factor.
     pub fn evidence(&self, model: &ViewAppearance) -> Vec<Evidence> {
-        let Some((gray, factors)) = model.factors.split_first() else { return Vec::new() };
-        let (evidence, residuals) = self.gather(&gray.appearance);
+        let (evidence, residuals) = self.gather(&model.gray);
         let mut all = vec![evidence];
-        let further = FACTORS.into_iter().zip(factors);
-        all.extend(further.map(|(f, learnt)| Evidence::of_factor(&residuals, f, &learnt.appearance, self.pitch_mm)));
+        let further = FACTORS.into_iter().zip(&model.further);
+        all.extend(further.map(|(factor, usual)| Evidence::of_factor(&residuals, factor, usual, self.pitch_mm)));
         all
     }
 }
 
 impl ViewAppearance {
-    /// Joins the learnt factors; they are not calibrated yet.
-    pub fn new(gray: Appearance, histograms: &[Histogram]) -> Self {
-        let uncalibrated = |appearance| LearntFactor { appearance, calibration: Vec::new() };
-        let further = histograms.iter().map(|histogram| Appearance::learn(histogram, FACTOR_SIGMA_BINS));
-        Self { factors: std::iter::once(gray).chain(further).map(uncalibrated).collect() }
+    /// Joins what was learnt; it is not calibrated yet.
+    pub fn new(gray: Appearance, further: &[Moments]) -> Self {
+        Self { gray, further: further.iter().map(Usual::learn).collect(), calibration: Vec::new() }
     }
 
     /// Third pass: calibrates every filter of every factor on stretches of intact rope (`[stretch][factor]`).
     /// False if there were too few for the gray values.
     pub fn calibrate<'a>(&mut self, stretches: impl Iterator<Item = &'a [CalibrationSums]> + Clone) -> bool {
-        for (f, factor) in self.factors.iter_mut().enumerate() {
+        let of_factor = |factor: usize| {
             let mut sums = CalibrationSums::default();
-            stretches.clone().filter_map(|s| s.get(f)).for_each(|stretch| sums.join(stretch));
+            stretches.clone().filter_map(|s| s.get(factor)).for_each(|stretch| sums.join(stretch));
             // Little rope may not tell what is usual of a further factor: then it is not asked.
-            factor.calibration = sums.calibrate().unwrap_or_default();
-        }
-        self.factors.first().is_some_and(|gray| !gray.calibration.is_empty())
+            sums.calibrate().unwrap_or_default()
+        };
+        self.calibration = (0..=self.further.len()).map(of_factor).collect();
+        self.calibration.first().is_some_and(|gray| !gray.is_empty())
     }
 
     /// Scores the evidence of a stretch.
     pub fn score(&self, evidence: Vec<Evidence>, pitch_mm: f64) -> StretchScores {
-        let factors: Vec<_> = evidence.into_iter().zip(self.factors.iter().map(|f| &f.calibration[..])).collect();
+        let factors: Vec<_> = evidence.into_iter().zip(self.calibration.iter().map(|c| &c[..])).collect();
         score(&factors, pitch_mm)
     }
 }

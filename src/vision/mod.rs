@@ -74,6 +74,7 @@
 //! - [`surface_map`]: theta of every pixel (eq. 16-17)
 //! - [`histogram`]: 4-D density (eq. 18-19)
 //! - [`appearance`]: likelihood and its normalisation (eq. 20-22)
+//! - [`usual`]: the same of what is judged beside the gray
 //! - [`render`]: the model read backwards: intact rope drawn from it (fig. 10f)
 //!
 //! The defects:
@@ -132,6 +133,7 @@ pub mod synthesis;
 pub mod tail;
 pub mod template;
 pub mod unwrapping;
+pub mod usual;
 pub mod wire;
 pub mod wire_alignment;
 pub mod wire_count;

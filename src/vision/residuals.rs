@@ -168,8 +168,8 @@ impl Residuals {
         (evidence, residuals)
     }
 
-    /// Calls `each` with (index in the grid, surface cell, bin of the factor) for every place where the factor can be told.
-    pub fn for_each(&self, factor: Factor, pitch_mm: f64, mut each: impl FnMut(usize, usize, u8)) {
+    /// Calls `each` with (index in the grid, surface cell, scaled factor) for every place where the factor can be told.
+    pub fn for_each(&self, factor: Factor, pitch_mm: f64, mut each: impl FnMut(usize, usize, f32)) {
         let row = self.strands * self.places;
         let block_mm = self.block_lines as f64 * pitch_mm;
         let mut values = Vec::with_capacity(self.blocks);
@@ -184,8 +184,8 @@ impl Residuals {
                 Factor::Step => step(&self.deviation[along.clone()], blocks_of(STEP_MM, block_mm), &mut values),
             }
             for (block, (&value, &cell)) in values.iter().zip(&self.surface_cell[along]).enumerate() {
-                if let (true, Some(bin)) = (cell != UNSEEN, factor.bin(value)) {
-                    each(block * row + column, cell as usize, bin);
+                if cell != UNSEEN && !value.is_nan() {
+                    each(block * row + column, cell as usize, factor.scaled(value));
                 }
             }
         }

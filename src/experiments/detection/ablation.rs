@@ -28,12 +28,10 @@ impl Variant {
     fn of(&self, model: &Model) -> Model {
         let mut model = model.clone();
         for view in &mut model.views {
-            view.factors.truncate(self.factors);
-            for factor in &mut view.factors {
-                for (n, calibration) in factor.calibration.iter_mut().enumerate() {
-                    if self.only_filter.is_some_and(|only| only != n) {
-                        *calibration = None; // as if it were never asked
-                    }
+            view.calibration.truncate(self.factors);
+            for (n, filter) in view.calibration.iter_mut().flat_map(|filters| filters.iter_mut().enumerate()) {
+                if self.only_filter.is_some_and(|only| only != n) {
+                    *filter = None; // as if it were never asked
                 }
             }
         }
