@@ -272,16 +272,17 @@ const OTHER_VIEW_SHARE: f32 = 0.95;
 /// Blocks to either side that a block's score is settled with.
 const SETTLING_BLOCKS: usize = 10;
 /// Share of that mean in the settled score.
-const SETTLING_SHARE: f32 = 0.7;
+const SETTLING_SHARE: f32 = 0.5;
 
-/// A part of every score, the rest of the mean about it: the highest of many places jumps from block to block by chance, defects last.
+/// A part of every score, the rest of the mean about it where that is lower: the highest of many places jumps from block to block by
+/// chance, defects last. Rope beside a defect does not become one.
 fn settled(blocks: &[f32]) -> Vec<f32> {
     let around = |k: usize| {
         let near = &blocks[k.saturating_sub(SETTLING_BLOCKS)..(k + SETTLING_BLOCKS + 1).min(blocks.len())];
         let (sum, n) = near.iter().filter(|s| s.is_finite()).fold((0.0, 0.0), |(s, n), b| (s + b, n + 1.0));
         sum / n
     };
-    blocks.iter().enumerate().map(|(k, &score)| score + SETTLING_SHARE * (around(k) - score)).collect()
+    blocks.iter().enumerate().map(|(k, &score)| score + SETTLING_SHARE * (around(k) - score).min(0.0)).collect()
 }
 
 impl StretchScores {
