@@ -5,6 +5,7 @@
 //! surface point.
 
 use super::histogram::GRAY_BINS;
+use super::surface_map::{whole, within};
 use std::ops::RangeInclusive;
 
 /// Lengths of the filters in mm under which the gray value is asked: a long shade is dirt or light more often than damage.
@@ -34,17 +35,71 @@ pub enum Factor {
 pub const FACTORS: [Factor; 4] = [Factor::Texture, Factor::Relief, Factor::Across, Factor::Step];
 
 impl Factor {
-    /// Bin of the factor's value: missing share of the shading for [`Self::Relief`], a mean squared change of gray bins for the
+    /// Bins of the factor's values: missing share of the shading for [`Self::Relief`], mean squared changes of gray bins for the
     /// others. `None` for NaN.
-    pub fn bin(self, value: f32) -> Option<u8> {
-        if value.is_nan() {
-            return None;
+    pub fn bins(self, values: &[f32], bins: &mut [Option<u8>]) {
+        match self {
+            Self::Texture => bin_each(values, bins, |value| logarithm(value + 0.02) * 4.0),
+            Self::Relief => bin_each(values, bins, |value| value * 10.0),
+            Self::Across | Self::Step => bin_each(values, bins, |value| logarithm(value + 0.02) * 2.5),
         }
-        let centred = match self {
-            Self::Texture => (value + 0.02).ln() * 4.0,
-            Self::Relief => value * 10.0,
-            Self::Across | Self::Step => (value + 0.02).ln() * 2.5,
-        };
-        Some((centred + GRAY_BINS as f32 / 2.0).clamp(0.0, GRAY_BINS as f32 - 1.0) as u8)
+    }
+}
+
+/// Bins of values, 0 in the middle.
+fn bin_each(values: &[f32], bins: &mut [Option<u8>], scaled: impl Fn(f32) -> f32) {
+    const TOGETHER: usize = 32;
+    for (values, bins) in values.chunks(TOGETHER).zip(bins.chunks_mut(TOGETHER)) {
+        // Side by side first.
+        let mut at = [0u32; TOGETHER];
+        for (at, &value) in at.iter_mut().zip(values) {
+            *at = whole(within(scaled(value) + GRAY_BINS as f32 / 2.0, GRAY_BINS as f32 - 0.5));
+        }
+        for (bin, (&at, value)) in bins.iter_mut().zip(at.iter().zip(values)) {
+            *bin = (!value.is_nan()).then_some(at as u8);
+        }
+    }
+}
+
+/// Natural logarithm of a positive number to some 1e-7, without a call.
+#[inline]
+fn logarithm(value: f32) -> f32 {
+    /// Bits of the root of 1/2.
+    const LEAST: u32 = 0x3f35_04f3;
+    // value = 2^exponent * mantissa, which is between the roots of 1/2 and 2.
+    let bits = value.to_bits().wrapping_sub(LEAST);
+    let exponent = (bits as i32) >> 23;
+    let mantissa = f32::from_bits((bits & 0x007f_ffff).wrapping_add(LEAST));
+    // ln m = 2 artanh((m - 1)/(m + 1)), by its series.
+    let t = (mantissa - 1.0) / (mantissa + 1.0);
+    let square = t * t;
+    let series = 1.0 + square * (1.0 / 3.0 + square * (1.0 / 5.0 + square * (1.0 / 7.0)));
+    exponent as f32 * std::f32::consts::LN_2 + 2.0 * t * series
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_logarithm_is_one() {
+        for k in 0..4000 {
+            let value = 0.02 * 1.005f32.powi(k);
+            let error = logarithm(value) - value.ln();
+            assert!(error.abs() <= 1e-6 * value.ln().abs().max(1.0), "ln {value} is off by {error}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_has_no_bin_and_what_is_far_out_the_last() {
+        let values: Vec<f32> = (0..70).map(|k| if k % 3 == 0 { f32::NAN } else { k as f32 }).collect();
+        for factor in FACTORS {
+            let mut bins = vec![None; values.len()];
+            factor.bins(&values, &mut bins);
+            assert!(values.iter().zip(&bins).all(|(value, bin)| value.is_nan() == bin.is_none()));
+        }
+        let mut bins = [None; 2];
+        Factor::Relief.bins(&[-9.0, 9.0], &mut bins);
+        assert_eq!(bins, [Some(0), Some(GRAY_BINS as u8 - 1)]);
     }
 }
