@@ -73,7 +73,7 @@ impl Pass<'_> {
     pub fn each_view<T: Send>(
         &self,
         gathered: &mut [T],
-        wanted: impl Fn(usize) -> bool,
+        wanted: impl Fn(usize) -> bool + Sync,
         take: impl Fn(usize, AlignedView<'_>, &mut T) + Sync,
     ) -> Result<Vec<f64>, PipelineError> {
         let total_m = self.used.iter().map(Used::metres).sum();

@@ -5,6 +5,7 @@ use super::histogram::{
 };
 use super::image::GrayImage;
 use super::surface_map::{whole, within};
+use std::ops::Range;
 
 /// Observations that a cell needs (after smoothing) before it is judged.
 pub(super) const LEAST_OBSERVATIONS: f32 = 30.0;
@@ -23,7 +24,7 @@ pub const LIGHT_LINES: usize = 800;
 /// The companding keeps dark valleys and bright highlights apart; a change of exposure moves nothing.
 #[derive(Debug, Clone)]
 pub struct GrayScale {
-    /// `bins[line * 256 + gray]` would be large; the light is quantised instead.
+    /// `bins[line * 256 + gray]` would be large; the light is quantised instead, and only levels that occur have a table.
     tables: Vec<[u8; 256]>,
     /// The same, not rounded to bins.
     fine: Vec<[f32; 256]>,
@@ -47,7 +48,7 @@ impl GrayScale {
             sums[k + 1] = sums[k] + f64::from(sum) / f64::from(n.max(1));
         }
         let half = LIGHT_LINES / 2;
-        let line_table = (0..lines)
+        let line_table: Vec<u8> = (0..lines)
             .map(|k| {
                 let (from, to) = (k.saturating_sub(half), (k + half).min(lines));
                 let light = (sums[to] - sums[from]) / (to - from) as f64;
@@ -55,14 +56,16 @@ impl GrayScale {
                 ((light.clamp(2.0, 255.9) / 2.0).ln() / 128f64.ln() * (LIGHTS as f64 - 1.0)).round() as u8
             })
             .collect();
-        let fine: Vec<[f32; 256]> = (0..LIGHTS)
+        let darkest = line_table.iter().copied().min().unwrap_or(0);
+        let brightest = line_table.iter().copied().max().unwrap_or(0);
+        let fine: Vec<[f32; 256]> = (darkest..=brightest)
             .map(|level| {
-                let light = 2.0 * 128f32.powf(level as f32 / (LIGHTS as f32 - 1.0));
+                let light = 2.0 * 128f32.powf(f32::from(level) / (LIGHTS as f32 - 1.0));
                 std::array::from_fn(|gray| GRAY_BINS as f32 * gray as f32 / (gray as f32 + light))
             })
             .collect();
         let tables = fine.iter().map(|fine| fine.map(|at| (at as u8).min(GRAY_BINS as u8 - 1))).collect();
-        Self { tables, fine, line_table }
+        Self { tables, fine, line_table: line_table.into_iter().map(|level| level - darkest).collect() }
     }
 
     /// Table from gray values to places on the scale of bins for one line.
@@ -162,10 +165,20 @@ impl Appearance {
         &self.score[cell * GRAY_BINS..(cell + 1) * GRAY_BINS]
     }
 
+    /// The same of all cells and bins, `[cell * GRAY_BINS + bin]`.
+    pub(super) fn score_table(&self) -> &[f32] {
+        &self.score
+    }
+
     /// Expected gray bin (middle of a bin is at + 0.5), mean of a surface cell; NaN where the model cannot tell.
     #[inline]
     pub fn expected(&self, cell: usize) -> f32 {
         self.expected[cell]
+    }
+
+    /// The same of cells side by side.
+    pub(super) fn expected_cells(&self, cells: Range<usize>) -> &[f32] {
+        &self.expected[cells]
     }
 
     /// Expected gray bin at a surface point of that cell, between the middles of the cells about it: across a wire gray changes by
@@ -199,7 +212,7 @@ pub const TABLES: [usize; 3] = [CELLS * GRAY_BINS, CELLS * GRAY_BINS, CELLS];
 
 /// The two bins between whose middles a place lies, by the first of them, and how far it is on the way to the second.
 #[inline]
-fn between_middles(at: f32, bins: usize) -> (usize, f32) {
+pub(super) fn between_middles(at: f32, bins: usize) -> (usize, f32) {
     let from_first = within(at - 0.5, bins as f32 - 1.001);
     let first = whole(from_first);
     (first as usize, from_first - first as f32)
@@ -242,7 +255,9 @@ mod tests {
         let at = cell(12, 12, 4);
         assert!(appearance.scores(at)[16] < 0.5);
         assert!(appearance.scores(at)[30] > 3.0);
-        assert!(appearance.scores(cell(30, 20, 0))[16].is_nan()); // never seen: no judgement
+        assert!(appearance.above(at, 30) > 3.0);
+        let unseen = cell(30, 20, 0); // no judgement
+        assert!(appearance.scores(unseen)[16].is_nan() && appearance.above(unseen, 16).is_nan());
         let total: f32 = appearance.likelihood(at).iter().sum::<f32>() / GRAY_BINS as f32;
         assert!((total - 1.0).abs() < 1e-3);
     }

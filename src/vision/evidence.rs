@@ -1,18 +1,18 @@
-//! Anomaly scores on the unrolled rope, summed along the course of the wires. [Wacker13, sec. 5: mean filter along the wire]
+//! Anomaly scores on the unrolled rope.
 //!
 //! Pixels fall into a grid of (block of lines, strand, place among its wires). A place keeps its number along a wire, so the
-//! paper's filter along the wire course is a plain sum over blocks. Defects are 0.5 mm gaps and 150 mm missing wires: several
-//! filter lengths stand side by side.
+//! paper's filter along the wire course is a plain sum over blocks (`filtering`). Defects are 0.5 mm gaps and 150 mm missing wires:
+//! several filter lengths stand side by side.
 
 use super::appearance::GrayScale;
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::factor::{FACTOR_LENGTHS_MM, Factor};
 use super::histogram::{Histogram, region};
-use super::residuals::Residuals;
+use super::residuals::{self, Residuals};
 use super::rope::Rope;
 use super::stretch::ViewStretch;
-use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
+use super::surface_map::SurfaceMap;
 use super::usual::Usual;
 use std::ops::{Range, RangeInclusive};
 
@@ -39,35 +39,9 @@ pub const FILTERS: [Filter; 4] = [
     Filter { length_mm: 12.0, cut: 2.0 },
     Filter { length_mm: 40.0, cut: 1.0 },
 ];
-/// Width of all filters in wires.
-const FILTER_WIRES: f64 = 1.0;
 /// Region of places that no pixel fell into.
 pub const UNSEEN: u8 = u8::MAX;
-/// Reach about a place within which a pixel makes it seen: mm along the rope, wires across.
-const SEEN_WITHIN: (f64, f64) = (4.0, 1.4);
-
-/// What falls under a filter about every cell of a block.
-#[derive(Debug, Clone, Copy)]
-pub struct Filtered<'a> {
-    /// Sums of scores.
-    pub sums: &'a [f32],
-    /// Numbers of pixels.
-    pub pixels: &'a [f32],
-    /// Region of the surface that the cell itself shows, or [`UNSEEN`].
-    pub regions: &'a [u8],
-}
-
-impl Filtered<'_> {
-    /// (sum, pixels, region) of every cell that is seen itself.
-    pub fn seen(&self) -> impl Iterator<Item = (usize, f32, f32, usize)> {
-        let cells = self.sums.iter().zip(self.pixels).zip(self.regions).enumerate();
-        cells
-            .filter(|(_, (_, region))| **region != UNSEEN)
-            .map(|(k, ((&sum, &n), &region))| (k, sum, n, usize::from(region)))
-    }
-}
-
-/// Sums of scores of a stretch in one view, `[(block * strands + strand) * places + place]`.
+/// Sums of scores of a stretch in one view, `[(strand * blocks + block) * places + place]`: filters run strand by strand.
 #[derive(Debug, Clone)]
 pub struct Evidence {
     /// Lines per block.
@@ -79,11 +53,11 @@ pub struct Evidence {
     /// Places per strand.
     pub places: usize,
     /// Lengths of the filters that are asked in mm.
-    lengths_mm: RangeInclusive<f64>,
-    sums: Vec<f32>,
-    counts: Vec<f32>,
+    pub(super) lengths_mm: RangeInclusive<f64>,
+    pub(super) sums: Vec<f32>,
+    pub(super) counts: Vec<f32>,
     /// Region of the surface that the place shows in this view; [`UNSEEN`] where no pixel fell.
-    regions: Vec<u8>,
+    pub(super) regions: Vec<u8>,
 }
 
 /// Lines per block for a line pitch.
@@ -130,10 +104,17 @@ impl Evidence {
     pub fn of_factor(residuals: &Residuals, factor: Factor, usual: &Usual, pitch_mm: f64) -> Self {
         let (blocks, strands, places) = (residuals.blocks, residuals.strands, residuals.places);
         let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places, FACTOR_LENGTHS_MM);
-        residuals.for_each(factor, pitch_mm, |at, cell, value| {
-            let score = usual.above(cell, value);
-            if score.is_finite() {
-                evidence.set(at, score, 1.0, region(cell)); // once a place
+        residuals.for_each_strand(factor, pitch_mm, |at, cells, values| {
+            let counted = evidence.sums[at.clone()].iter_mut().zip(&mut evidence.counts[at.clone()]);
+            let places = counted.zip(&mut evidence.regions[at]);
+            for (((sum, count), of_region), (&cell, &value)) in places.zip(cells.iter().zip(values)) {
+                if cell == residuals::UNSEEN {
+                    continue;
+                }
+                let score = usual.above(cell as usize, value);
+                if score.is_finite() {
+                    (*sum, *count, *of_region) = (score, 1.0, region(cell as usize)); // once a place
+                }
             }
         });
         evidence
@@ -165,87 +146,5 @@ impl Evidence {
         self.sums[at] = sum;
         self.counts[at] = pixels;
         self.regions[at] = region;
-    }
-
-    /// Calls `each` for every filter that is asked and every block with the number of the filter in [`FILTERS`], the index of the block's first cell, and what
-    /// falls under the filter about each of the block's cells.
-    pub fn filtered(&self, pitch_mm: f64, mut each: impl FnMut(usize, usize, Filtered<'_>)) {
-        let pixels = self.across(&self.counts, FILTER_WIRES);
-        let mut sums = Vec::new();
-        let mut cut_at: Option<f32> = None;
-        let asked = FILTERS.into_iter().enumerate().filter(|(_, filter)| self.lengths_mm.contains(&filter.length_mm));
-        for (number, filter) in asked {
-            // Filters of one cut stand side by side and share what they sum across the wires.
-            if cut_at != Some(filter.cut) {
-                let counted = self.sums.iter().zip(&self.counts).map(|(sum, n)| sum.min(filter.cut * n));
-                sums = self.across(&counted.collect::<Vec<f32>>(), FILTER_WIRES);
-            }
-            cut_at = Some(filter.cut);
-            self.along(&sums, &pixels, filter.length_mm, pitch_mm, |first, sums, pixels| {
-                let regions = &self.regions[first..first + sums.len()];
-                each(number, first, Filtered { sums, pixels, regions });
-            });
-        }
-    }
-
-    /// Whether any pixel fell so near to a place that the place counts as seen.
-    pub fn seen(&self, pitch_mm: f64) -> Vec<bool> {
-        let mut seen = vec![false; self.counts.len()];
-        let across = self.across(&self.counts, SEEN_WITHIN.1);
-        self.along(&across, &across, SEEN_WITHIN.0, pitch_mm, |first, pixels, _| {
-            seen[first..first + pixels.len()].iter_mut().zip(pixels).for_each(|(seen, &n)| *seen = n > 0.0);
-        });
-        seen
-    }
-
-    /// Sums across so many wires about every place.
-    fn across(&self, values: &[f32], wires: f64) -> Vec<f32> {
-        let half_places = ((wires * PLACES_PER_WIRE as f64 - 1.0) / 2.0).round().max(0.0) as usize;
-        let mut summed = vec![0.0f32; values.len()];
-        let mut row = vec![0.0f32; self.places + 2 * half_places];
-        for (from, to) in values.chunks_exact(self.places).zip(summed.chunks_exact_mut(self.places)) {
-            if from.iter().fold(0, |bits, value| bits | value.to_bits()) == 0 {
-                continue; // half of the strands are on the other side
-            }
-            // Places are cyclic.
-            let (before, rest) = row.split_at_mut(half_places);
-            let (middle, after) = rest.split_at_mut(self.places);
-            before.copy_from_slice(&from[self.places - half_places..]);
-            middle.copy_from_slice(from);
-            after.copy_from_slice(&from[..half_places]);
-            for shift in 0..=2 * half_places {
-                to.iter_mut().zip(&row[shift..]).for_each(|(sum, value)| *sum += value);
-            }
-        }
-        summed
-    }
-
-    /// Sums two tables along the rope and calls `each` with them block by block.
-    fn along(
-        &self,
-        of_sums: &[f32],
-        of_pixels: &[f32],
-        length_mm: f64,
-        pitch_mm: f64,
-        mut each: impl FnMut(usize, &[f32], &[f32]),
-    ) {
-        let half_blocks = ((length_mm / (self.block_lines as f64 * pitch_mm) - 1.0) / 2.0).round().max(0.0) as usize;
-        let row = self.strands * self.places;
-        let mut sums = vec![0.0f32; row];
-        let mut pixels = vec![0.0f32; row];
-        for block in 0..self.blocks + half_blocks {
-            let cells = |block: usize| block * row..(block + 1) * row;
-            if block < self.blocks {
-                sums.iter_mut().zip(&of_sums[cells(block)]).for_each(|(sum, new)| *sum += new);
-                pixels.iter_mut().zip(&of_pixels[cells(block)]).for_each(|(sum, new)| *sum += new);
-            }
-            if let Some(gone) = block.checked_sub(2 * half_blocks + 1) {
-                sums.iter_mut().zip(&of_sums[cells(gone)]).for_each(|(sum, old)| *sum -= old);
-                pixels.iter_mut().zip(&of_pixels[cells(gone)]).for_each(|(sum, old)| *sum -= old);
-            }
-            if let Some(middle) = block.checked_sub(half_blocks) {
-                each(middle * row, &sums, &pixels);
-            }
-        }
     }
 }

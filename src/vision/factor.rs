@@ -36,14 +36,63 @@ const MOST: f32 = 16.0;
 pub const FACTORS: [Factor; 4] = [Factor::Texture, Factor::Relief, Factor::Across, Factor::Step];
 
 impl Factor {
-    /// The factor of what was measured on a scale on which intact rope is spread evenly: from the missing share of the shading for
-    /// [`Self::Relief`], from a mean squared change of gray bins for the others. NaN stays NaN.
-    pub fn scaled(self, measured: f32) -> f32 {
-        let scaled = match self {
-            Self::Texture => (measured + 0.02).ln() * 4.0,
-            Self::Relief => measured * 10.0,
-            Self::Across | Self::Step => (measured + 0.02).ln() * 2.5,
-        };
-        scaled.clamp(-MOST, MOST)
+    /// Brings measured values of the factor, the missing share of the shading for [`Self::Relief`] and mean squared changes of gray
+    /// bins for the others, to a scale on which intact rope is spread evenly. NaN stays NaN.
+    pub fn scale(self, values: &mut [f32]) {
+        match self {
+            Self::Texture => scale_each(values, |value| logarithm(value + 0.02) * 4.0),
+            Self::Relief => scale_each(values, |value| value * 10.0),
+            Self::Across | Self::Step => scale_each(values, |value| logarithm(value + 0.02) * 2.5),
+        }
+    }
+}
+
+fn scale_each(values: &mut [f32], scaled: impl Fn(f32) -> f32) {
+    for value in values {
+        *value = if value.is_nan() { f32::NAN } else { scaled(*value).clamp(-MOST, MOST) };
+    }
+}
+
+/// Natural logarithm of a positive number to some 1e-7, without a call.
+#[inline]
+fn logarithm(value: f32) -> f32 {
+    /// Bits of the root of 1/2.
+    const LEAST: u32 = 0x3f35_04f3;
+    // value = 2^exponent * mantissa, which is between the roots of 1/2 and 2.
+    let bits = value.to_bits().wrapping_sub(LEAST);
+    let exponent = (bits as i32) >> 23;
+    let mantissa = f32::from_bits((bits & 0x007f_ffff).wrapping_add(LEAST));
+    // ln m = 2 artanh((m - 1)/(m + 1)), by its series.
+    let t = (mantissa - 1.0) / (mantissa + 1.0);
+    let square = t * t;
+    let series = 1.0 + square * (1.0 / 3.0 + square * (1.0 / 5.0 + square * (1.0 / 7.0)));
+    exponent as f32 * std::f32::consts::LN_2 + 2.0 * t * series
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_logarithm_is_one() {
+        for k in 0..4000 {
+            let value = 0.02 * 1.005f32.powi(k);
+            let error = logarithm(value) - value.ln();
+            assert!(error.abs() <= 1e-6 * value.ln().abs().max(1.0), "ln {value} is off by {error}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_stays_so_and_what_is_far_out_does_not_count_more_than_most() {
+        for factor in FACTORS {
+            let mut values: Vec<f32> = (0..70).map(|k| if k % 3 == 0 { f32::NAN } else { k as f32 }).collect();
+            factor.scale(&mut values);
+            assert!(values.iter().enumerate().all(|(k, value)| value.is_nan() == (k % 3 == 0)));
+            let known: Vec<f32> = values.into_iter().filter(|value| !value.is_nan()).collect();
+            assert!(known.windows(2).all(|v| v[0] <= v[1]) && known.iter().all(|value| value.abs() <= MOST));
+        }
+        let mut values = [-9.0, 0.5, 9.0];
+        Factor::Relief.scale(&mut values);
+        assert_eq!(values, [-MOST, 5.0, MOST]);
     }
 }

@@ -78,7 +78,9 @@
 //! - [`render`]: the model read backwards: intact rope drawn from it (fig. 10f)
 //!
 //! The defects:
-//! - [`evidence`]: scores summed along the wires
+//! - [`residuals`]: what deviates from the expected gray; `gathering` reads it from the pixels, `expected_row` what they are expected to be
+//! - [`evidence`]: scores on the unrolled rope
+//! - [`filtering`]: their sums along the wires
 //! - [`scoring`]: sums made comparable
 //! - [`lasting`]: what is rare because it lasts
 //! - [`tail`]: where an alarm begins
@@ -100,8 +102,11 @@ mod edge_tracker;
 mod encoder;
 pub mod estimates;
 pub mod evidence;
+mod expected_row;
 pub mod factor;
+pub mod filtering;
 mod fitting;
+mod gathering;
 mod grain;
 pub mod histogram;
 pub mod image;

@@ -4,14 +4,12 @@
 //! vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2). The upper tail of the
 //! normalised sums is close to exponential; a score of 3 means "one in 10^3 such places on intact rope", and so on.
 
-use super::evidence::{Evidence, FILTERS, Filtered, UNSEEN};
+use super::evidence::{Evidence, FILTERS, UNSEEN};
+use super::filtering::{Filtered, Steps, TOGETHER};
 use super::histogram::REGIONS;
 
 /// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
 const LEAST_SHARE: f32 = 0.25;
-
-/// Cells that are looked at together for whether any is seen.
-const TOGETHER: usize = 16;
 
 /// Calibration of one filter.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,12 +67,12 @@ impl Judge {
 
     /// Raises `highest` to the scores of what was filtered: minus the decimal logarithm of how often intact rope exceeds it.
     /// Where too few pixels fell in, nothing is said.
-    fn raise(&self, highest: &mut [f32], filtered: Filtered<'_>) {
-        let cells = filtered.sums.chunks(TOGETHER).zip(filtered.pixels.chunks(TOGETHER));
-        let cells = cells.zip(filtered.regions.chunks(TOGETHER)).zip(highest.chunks_mut(TOGETHER));
-        for (((sums, pixels), regions), highest) in cells {
+    fn raise(&self, highest: &mut [f32], filtered: &Filtered<'_>) {
+        let places = filtered.sums.as_chunks::<TOGETHER>().0.iter().zip(filtered.pixels.as_chunks::<TOGETHER>().0);
+        let places = places.zip(filtered.regions.chunks(TOGETHER)).zip(highest.chunks_mut(TOGETHER));
+        for (((sums, pixels), regions), highest) in places {
             if regions.iter().all(|&region| region == UNSEEN) {
-                continue; // most of the rope is on the other side
+                continue; // on the other side
             }
             // Roots and quotients side by side first: the look-up after them can only be made one by one.
             let mut normal = [0.0f32; TOGETHER];
@@ -121,9 +119,10 @@ impl Default for CalibrationSums {
 impl CalibrationSums {
     /// Adds a stretch of intact rope.
     pub fn add(&mut self, evidence: &Evidence, pitch_mm: f64) {
-        evidence.filtered(pitch_mm, |filter, first, filtered| {
-            let sampled = filtered.seen().filter(|(k, _, n, _)| (first + k) % SAMPLE_STRIDE == 0 && *n > 0.0);
-            self.samples[filter].extend(sampled.map(|(_, sum, pixels, region)| Sample {
+        evidence.filtered(pitch_mm, Steps::Every, |filtered| {
+            let first = evidence.of_scores(filtered.block, filtered.strand).start;
+            let sampled = filtered.seen().filter(|(k, _, n, _)| (first + k).is_multiple_of(SAMPLE_STRIDE) && *n > 0.0);
+            self.samples[filtered.filter].extend(sampled.map(|(_, sum, pixels, region)| Sample {
                 sum,
                 pixels,
                 region: region as u8,
@@ -230,26 +229,45 @@ pub fn score(factors: &[(Evidence, &[Option<FilterCalibration>])], pitch_mm: f64
     let row = first.strands * first.places;
     let mut cells = vec![UNJUDGED; first.blocks * row];
     let mut support = vec![0.0f32; cells.len()];
+    let mut factor = vec![UNJUDGED; cells.len()];
+    let mut of_block = vec![UNJUDGED; first.places];
     for (evidence, calibration) in factors {
-        let mut factor = vec![UNJUDGED; cells.len()];
+        factor.fill(UNJUDGED);
         let judges: Vec<Option<Judge>> = calibration.iter().map(|c| c.as_ref().map(Judge::new)).collect();
-        evidence.filtered(pitch_mm, |filter, first, filtered| {
-            if let Some(Some(judge)) = judges.get(filter) {
-                judge.raise(&mut factor[first..first + row], filtered);
+        evidence.filtered(pitch_mm, Steps::Thinned, |filtered| {
+            let Some(Some(judge)) = judges.get(filtered.filter) else { return };
+            if filtered.stands_for.len() == 1 {
+                judge.raise(&mut factor[evidence.of(filtered.block, filtered.strand)], &filtered);
+                return;
+            }
+            of_block.fill(UNJUDGED);
+            judge.raise(&mut of_block, &filtered);
+            for block in filtered.stands_for {
+                for (highest, &score) in factor[evidence.of(block, filtered.strand)].iter_mut().zip(&of_block) {
+                    *highest = if score > *highest { score } else { *highest };
+                }
             }
         });
-        for ((cell, support), score) in cells.iter_mut().zip(&mut support).zip(factor) {
+        for ((cell, support), &score) in cells.iter_mut().zip(&mut support).zip(&factor) {
             // The lesser of the two supports the greater, as far as it is unusual itself.
             let (lesser, greater) = if score < *cell { (score, *cell) } else { (*cell, score) };
-            *support += SUPPORT * (lesser - USUAL).max(0.0);
+            let unusual = lesser - USUAL;
+            *support += SUPPORT * if unusual > 0.0 { unusual } else { 0.0 };
             *cell = greater;
         }
     }
-    for (cell, support) in cells.iter_mut().zip(&support) {
-        *cell = if *cell == UNJUDGED { f32::NAN } else { *cell + support };
+    let mut scored = vec![f32::NAN; cells.len()];
+    for (strand, block) in (0..first.strands).flat_map(|strand| (0..first.blocks).map(move |block| (strand, block))) {
+        let places = first.of(block, strand);
+        let from = cells[places.clone()].iter().zip(&support[places.clone()]).zip(&first.regions[places]);
+        for (to, ((&cell, support), &region)) in scored[first.of_scores(block, strand)].iter_mut().zip(from) {
+            // What stands for its neighbours may stand for places that are not seen.
+            let judged = cell != UNJUDGED && region != UNSEEN;
+            *to = if judged { cell + support } else { f32::NAN };
+        }
     }
     let mut scores = StretchScores {
-        cells,
+        cells: scored,
         seen: first.seen(pitch_mm),
         blocks: Vec::new(),
         peaks: Vec::new(),
@@ -299,9 +317,17 @@ impl StretchScores {
         self.blocks.clear();
         self.peaks.clear();
         for block in self.cells.chunks_exact(row) {
-            let best = block.iter().enumerate().filter(|(_, s)| s.is_finite()).max_by(|a, b| a.1.total_cmp(b.1));
-            self.blocks.push(best.map_or(f32::NAN, |(_, &s)| s));
-            self.peaks.push(best.map_or((0, 0), |(at, _)| (at / self.places, at % self.places)));
+            // The highest of several columns side by side, then where it stands. NaN is never higher.
+            let mut columns = [f32::NEG_INFINITY; TOGETHER];
+            for scores in block.chunks(TOGETHER) {
+                for (best, &score) in columns.iter_mut().zip(scores) {
+                    *best = if score > *best { score } else { *best };
+                }
+            }
+            let best = columns.into_iter().fold(f32::NEG_INFINITY, f32::max);
+            let peak = block.iter().rposition(|&score| score == best).unwrap_or(0);
+            self.blocks.push(if best.is_finite() { best } else { f32::NAN });
+            self.peaks.push((peak / self.places, peak % self.places));
         }
         self.blocks = settled(&self.blocks);
     }

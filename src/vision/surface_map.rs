@@ -50,10 +50,51 @@ impl SurfacePoint {
     }
 }
 
-/// The pixels that one strand fills in a line.
+/// The pixels that one strand fills in a line, side by side: what holds for every one of them, by column from `from` on.
 #[derive(Debug, Clone, Copy)]
-struct Run {
-    strand: usize,
+pub struct Run<'a> {
+    /// The strand.
+    pub strand: usize,
+    /// Theta along the strand phases in view: all pixels have the same.
+    pub strand_at: f32,
+    /// First column.
+    pub from: usize,
+    /// Theta along the wire phases in view.
+    pub wires_at: &'a [f32],
+    /// Theta along the distances to the wire's centre line.
+    pub distances_at: &'a [f32],
+    /// Cells in the histogram.
+    pub cells: &'a [u32],
+    /// As [`SurfacePoint::wire_place`].
+    pub wire_places: &'a [f32],
+    /// As [`SurfacePoint::place`].
+    pub places: &'a [u32],
+    /// As [`SurfacePoint::slope_px`].
+    pub slopes_px: &'a [f32],
+}
+
+impl Run<'_> {
+    /// Its pixels one by one.
+    fn points(&self) -> impl Iterator<Item = SurfacePoint> {
+        let looked_up = self.cells.iter().zip(self.wire_places).zip(self.places).zip(self.slopes_px);
+        let thetas = self.wires_at.iter().zip(self.distances_at);
+        (self.from..).zip(looked_up).zip(thetas).map(
+            |((column, (((&cell, &wire_place), &place), &slope_px)), (&wire, &distance))| SurfacePoint {
+                column,
+                strand: self.strand,
+                theta: Theta { strand: self.strand_at, wire, distance },
+                cell: cell as usize,
+                wire_place,
+                place: place as usize,
+                slope_px,
+            },
+        )
+    }
+}
+
+/// Which columns a strand fills.
+#[derive(Debug, Clone, Copy)]
+struct Filled {
     strand_at: f32,
     from: usize,
     to: usize,
@@ -137,27 +178,32 @@ impl<'a> SurfaceMap<'a> {
 
     /// Calls `each` for every pixel of a line whose surface point is known. `axis_px` is the column of the rope axis.
     pub fn for_each(&mut self, line: usize, axis_px: f32, mut each: impl FnMut(SurfacePoint)) {
+        self.for_each_run(line, axis_px, |run| run.points().for_each(&mut each));
+    }
+
+    /// The same for all pixels of a strand together.
+    pub fn for_each_run(&mut self, line: usize, axis_px: f32, mut each: impl FnMut(Run<'_>)) {
         self.courses_at(line);
         self.outlines.visible_spans(&self.phases, &mut self.spans);
         for s in 0..self.spans.len() {
-            let Some(Run { strand, strand_at, from, to }) = self.map_span(self.spans[s], f64::from(axis_px)) else {
-                continue;
-            };
-            let looked_up = self.cells[from..to].iter().zip(&self.wire_places[from..to]).zip(&self.places[from..to]);
-            let looked_up = looked_up.zip(&self.slopes_px[from..to]);
-            let thetas = self.wires_at[from..to].iter().zip(&self.distances_at[from..to]);
-            for ((column, (((&cell, &wire_place), &place), &slope_px)), (&wire, &distance)) in
-                (from..to).zip(looked_up).zip(thetas)
-            {
-                let theta = Theta { strand: strand_at, wire, distance };
-                let (cell, place) = (cell as usize, place as usize);
-                each(SurfacePoint { column, strand, theta, cell, wire_place, place, slope_px });
-            }
+            let span = self.spans[s];
+            let Some(Filled { strand_at, from, to }) = self.map_span(span, f64::from(axis_px)) else { continue };
+            each(Run {
+                strand: span.strand,
+                strand_at,
+                from,
+                wires_at: &self.wires_at[from..to],
+                distances_at: &self.distances_at[from..to],
+                cells: &self.cells[from..to],
+                wire_places: &self.wire_places[from..to],
+                places: &self.places[from..to],
+                slopes_px: &self.slopes_px[from..to],
+            });
         }
     }
 
     /// Maps the pixels of a strand. Plain loops over slices, without calls or branches: a recording has 10^9 such pixels.
-    fn map_span(&mut self, span: StrandSpan, axis_px: f64) -> Option<Run> {
+    fn map_span(&mut self, span: StrandSpan, axis_px: f64) -> Option<Filled> {
         let wire_phase = self.wires[span.strand];
         if wire_phase.is_nan() || span.phase_in_view_rad.abs() >= STRAND_RANGE_RAD {
             return None;
@@ -208,7 +254,7 @@ impl<'a> SurfaceMap<'a> {
             let place = (turned + 0.5) * PLACES_PER_WIRE as f32;
             *to_place = whole(within(if place >= all_places { place - all_places } else { place }, all_places - 0.5));
         }
-        Some(Run { strand: span.strand, strand_at: strand_at as f32, from, to })
+        Some(Filled { strand_at: strand_at as f32, from, to })
     }
 }
 

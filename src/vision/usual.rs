@@ -84,7 +84,8 @@ impl Usual {
     /// How many standard deviations a value is above what is usual of a cell; NaN where that is not known.
     #[inline]
     pub fn above(&self, cell: usize, value: f32) -> f32 {
-        ((value - self.mean[cell]) / self.spread[cell]).min(CUT)
+        let above = (value - self.mean[cell]) / self.spread[cell];
+        if above > CUT { CUT } else { above } // not `min`, which would make CUT of NaN
     }
 }
 

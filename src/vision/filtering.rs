@@ -1,0 +1,312 @@
+//! Filters along the course of the wires: sums over places and blocks about every place. [Wacker13, sec. 5: mean filter along the wire]
+//!
+//! More than half of the strands are on the other side of the rope. So it is done strand by strand, for the blocks in which the strand
+//! passes through the view, and what is summed stays in the processor's cache.
+
+use super::evidence::{Evidence, FILTERS, Filter, UNSEEN};
+use super::surface_map::PLACES_PER_WIRE;
+use std::ops::Range;
+
+/// Places to either side that are summed across: filters are one wire wide.
+const HALF_PLACES: usize = (PLACES_PER_WIRE - 1) / 2;
+/// Reach about a place within which a pixel makes it seen: mm along the rope, and places across, which make 1.4 wires.
+const SEEN_WITHIN: (f64, usize) = (4.0, 3);
+/// Rows of sums are filled up with zeros to a multiple of this, so that loops over them need no remainder.
+pub(super) const TOGETHER: usize = 16;
+/// Thinned out, filters are asked at steps of this share of their length: sums over nearly the same rope say the same.
+const STEP_SHARE: f64 = 0.25;
+
+/// How many blocks filters are asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Steps {
+    /// Every one.
+    Every,
+    /// One of those that lie within [`STEP_SHARE`] of a filter's length.
+    Thinned,
+}
+
+/// What falls under a filter about every place of one strand in one block.
+#[derive(Debug, Clone)]
+pub struct Filtered<'a> {
+    /// Number of the filter in [`FILTERS`].
+    pub filter: usize,
+    /// The strand.
+    pub strand: usize,
+    /// The block.
+    pub block: usize,
+    /// The blocks that it stands for, itself among them.
+    pub stands_for: Range<usize>,
+    /// Sums of scores; beyond the last place there are zeros up to a multiple of [`TOGETHER`].
+    pub sums: &'a [f32],
+    /// Numbers of pixels; as many.
+    pub pixels: &'a [f32],
+    /// Region of the surface that the place itself shows, or [`UNSEEN`].
+    pub regions: &'a [u8],
+}
+
+impl Filtered<'_> {
+    /// (place, sum, pixels, region) of every place that is seen itself.
+    pub fn seen(&self) -> impl Iterator<Item = (usize, f32, f32, usize)> {
+        let places = self.sums.iter().zip(self.pixels).zip(self.regions).enumerate();
+        places
+            .filter(|(_, (_, region))| **region != UNSEEN)
+            .map(|(k, ((&sum, &n), &region))| (k, sum, n, usize::from(region)))
+    }
+}
+
+/// Rows of sums of one strand, block after block.
+#[derive(Debug, Default)]
+struct Rows {
+    values: Vec<f32>,
+}
+
+impl Evidence {
+    /// Places of a strand and the zeros after them.
+    fn row(&self) -> usize {
+        self.places.next_multiple_of(TOGETHER)
+    }
+
+    /// Places of a strand in a block.
+    pub(super) fn of(&self, block: usize, strand: usize) -> Range<usize> {
+        let first = (strand * self.blocks + block) * self.places;
+        first..first + self.places
+    }
+
+    /// The same in tables that run block by block, as scores do.
+    pub(super) fn of_scores(&self, block: usize, strand: usize) -> Range<usize> {
+        let first = (block * self.strands + strand) * self.places;
+        first..first + self.places
+    }
+
+    /// Calls `each` with what falls under every filter that is asked.
+    pub fn filtered(&self, pitch_mm: f64, steps: Steps, mut each: impl FnMut(Filtered<'_>)) {
+        let block_mm = self.block_lines as f64 * pitch_mm;
+        let asked: Vec<(usize, Filter)> =
+            FILTERS.into_iter().enumerate().filter(|(_, filter)| self.lengths_mm.contains(&filter.length_mm)).collect();
+        let farthest = asked.iter().map(|(_, filter)| half_blocks(filter.length_mm, block_mm)).max().unwrap_or(0);
+        let (mut pixels, mut sums) = (Rows::default(), Rows::default());
+        let (mut under_sums, mut under_pixels) = (vec![0.0f32; self.row()], vec![0.0f32; self.row()]);
+        for (strand, blocks) in self.passes(2 * farthest + 1) {
+            pixels.across::<HALF_PLACES>(self, strand, blocks.clone(), |_, n| n);
+            let mut cut_at: Option<f32> = None;
+            for &(number, filter) in &asked {
+                // Filters of one cut stand side by side and share what they sum across the wires.
+                if cut_at != Some(filter.cut) {
+                    sums.across::<HALF_PLACES>(self, strand, blocks.clone(), |sum, n| {
+                        let most = filter.cut * n;
+                        if sum < most { sum } else { most }
+                    });
+                }
+                cut_at = Some(filter.cut);
+                let half = half_blocks(filter.length_mm, block_mm);
+                let step = match steps {
+                    Steps::Every => 1,
+                    Steps::Thinned => ((STEP_SHARE * filter.length_mm / block_mm) as usize).max(1),
+                };
+                let mut window = Window::new(half, blocks.len());
+                for first in blocks.clone().step_by(step) {
+                    let stands_for = first..(first + step).min(blocks.end);
+                    let block = (stands_for.start + stands_for.end) / 2;
+                    window.move_to(block - blocks.start, &sums, &mut under_sums, &pixels, &mut under_pixels);
+                    each(Filtered {
+                        filter: number,
+                        strand,
+                        block,
+                        stands_for,
+                        sums: &under_sums,
+                        pixels: &under_pixels,
+                        regions: &self.regions[self.of(block, strand)],
+                    });
+                }
+                under_sums.fill(0.0);
+                under_pixels.fill(0.0);
+            }
+        }
+    }
+
+    /// Whether any pixel fell so near to a place that the place counts as seen, in the order of scores.
+    pub fn seen(&self, pitch_mm: f64) -> Vec<bool> {
+        let half = half_blocks(SEEN_WITHIN.0, self.block_lines as f64 * pitch_mm);
+        let mut seen = vec![false; self.counts.len()];
+        let mut pixels = Rows::default();
+        let mut under = [vec![0.0f32; self.row()], vec![0.0f32; self.row()]];
+        for (strand, blocks) in self.passes(2 * half + 1) {
+            let about = blocks.start.saturating_sub(half)..(blocks.end + half).min(self.blocks);
+            pixels.across::<{ SEEN_WITHIN.1 }>(self, strand, about.clone(), |_, n| n);
+            let mut window = Window::new(half, about.len());
+            let [one, other] = &mut under;
+            for block in about.clone() {
+                window.move_to(block - about.start, &pixels, one, &pixels, other);
+                seen[self.of_scores(block, strand)].iter_mut().zip(&*one).for_each(|(seen, &n)| *seen = n > 0.0);
+            }
+            under.iter_mut().for_each(|row| row.fill(0.0));
+        }
+        seen
+    }
+
+    /// Passes of the strands through the view: a strand, and blocks from the first to the last that shows it. Passes less than `apart`
+    /// blocks from each other are one.
+    fn passes(&self, apart: usize) -> Vec<(usize, Range<usize>)> {
+        let mut passes: Vec<(usize, Range<usize>)> = Vec::new();
+        for strand in 0..self.strands {
+            for block in 0..self.blocks {
+                if self.regions[self.of(block, strand)].iter().all(|&region| region == UNSEEN) {
+                    continue;
+                }
+                match passes.last_mut() {
+                    Some((of, blocks)) if *of == strand && block < blocks.end + apart => blocks.end = block + 1,
+                    _ => passes.push((strand, block..block + 1)),
+                }
+            }
+        }
+        passes
+    }
+}
+
+/// Blocks to either side that make a length.
+fn half_blocks(length_mm: f64, block_mm: f64) -> usize {
+    ((length_mm / block_mm - 1.0) / 2.0).round().max(0.0) as usize
+}
+
+impl Rows {
+    /// Sums over `HALF` places to either side of every place of a strand.
+    fn across<const HALF: usize>(
+        &mut self,
+        evidence: &Evidence,
+        strand: usize,
+        blocks: Range<usize>,
+        value: impl Fn(f32, f32) -> f32,
+    ) {
+        let (places, row) = (evidence.places, evidence.row());
+        self.values.resize(blocks.len() * row, 0.0);
+        let mut cyclic = vec![0.0f32; row + 2 * HALF];
+        for (block, to) in blocks.zip(self.values.chunks_exact_mut(row)) {
+            let of_block = evidence.of(block, strand);
+            let from = evidence.sums[of_block.clone()].iter().zip(&evidence.counts[of_block]);
+            cyclic[HALF..HALF + places].iter_mut().zip(from).for_each(|(to, (&sum, &n))| *to = value(sum, n));
+            for near in 0..HALF {
+                // The last place is beside the first.
+                cyclic[near] = cyclic[places + near];
+                cyclic[HALF + places + near] = cyclic[HALF + near];
+            }
+            to.iter_mut().zip(cyclic.iter().zip(&cyclic[1..])).for_each(|(sum, (one, other))| *sum = one + other);
+            for shift in 2..=2 * HALF {
+                to.iter_mut().zip(&cyclic[shift..]).for_each(|(sum, value)| *sum += value);
+            }
+            to[places..].fill(0.0);
+        }
+    }
+}
+
+/// The rows that lie under a filter, while it moves along the rope.
+struct Window {
+    half: usize,
+    rows: usize,
+    /// The rows under it.
+    under: Range<usize>,
+}
+
+impl Window {
+    /// Before the first of so many rows.
+    fn new(half: usize, rows: usize) -> Self {
+        Self { half, rows, under: 0..0 }
+    }
+
+    /// Moves on until the row `middle` is in its middle; `sums` and `pixels` are what lies under it then.
+    fn move_to(&mut self, middle: usize, of_sums: &Rows, sums: &mut [f32], of_pixels: &Rows, pixels: &mut [f32]) {
+        let row = sums.len();
+        let to = middle.saturating_sub(self.half)..(middle + self.half + 1).min(self.rows);
+        for new in self.under.end..to.end {
+            let new = new * row..(new + 1) * row;
+            sums.iter_mut().zip(&of_sums.values[new.clone()]).for_each(|(sum, new)| *sum += new);
+            pixels.iter_mut().zip(&of_pixels.values[new]).for_each(|(sum, new)| *sum += new);
+        }
+        for old in self.under.start..to.start {
+            let old = old * row..(old + 1) * row;
+            sums.iter_mut().zip(&of_sums.values[old.clone()]).for_each(|(sum, old)| *sum -= old);
+            pixels.iter_mut().zip(&of_pixels.values[old]).for_each(|(sum, old)| *sum -= old);
+        }
+        self.under = to;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::evidence::block_lines;
+
+    const PITCH_MM: f64 = 0.1;
+    const BLOCKS: usize = 400;
+    const PLACES: usize = 35;
+
+    /// Two strands: the first is seen twice, the second never.
+    fn evidence() -> Evidence {
+        let mut evidence = Evidence::empty(block_lines(PITCH_MM), BLOCKS, 2, PLACES, 0.0..=40.0);
+        for block in (20..90).chain(150..380) {
+            for place in (0..12).chain(25..PLACES) {
+                let score = ((block * 31 + place * 17) % 23) as f32 / 4.0 - 2.0;
+                evidence.set(evidence.of(block, 0).start + place, score, 1.0, (place / 10) as u8);
+            }
+        }
+        evidence
+    }
+
+    #[test]
+    fn a_filter_sums_what_lies_within_its_length_and_a_wires_width() {
+        let evidence = evidence();
+        let mut asked = vec![vec![0; BLOCKS]; FILTERS.len()];
+        evidence.filtered(PITCH_MM, Steps::Every, |filtered| {
+            assert_eq!((filtered.strand, &filtered.stands_for), (0, &(filtered.block..filtered.block + 1)));
+            asked[filtered.filter][filtered.block] += 1;
+            let half = half_blocks(FILTERS[filtered.filter].length_mm, 0.5);
+            let rows = filtered.block.saturating_sub(half)..(filtered.block + half + 1).min(BLOCKS);
+            for place in 0..PLACES {
+                let (mut sum, mut n) = (0.0, 0.0);
+                for block in rows.clone() {
+                    for across in place + PLACES - 2..=place + PLACES + 2 {
+                        let at = evidence.of(block, 0).start + across % PLACES;
+                        sum += evidence.sums[at].min(FILTERS[filtered.filter].cut * evidence.counts[at]);
+                        n += evidence.counts[at];
+                    }
+                }
+                assert!(
+                    (filtered.sums[place] - sum).abs() < 2e-2 && filtered.pixels[place] == n,
+                    "{place} of {filtered:?}"
+                );
+            }
+            assert!(filtered.sums[PLACES..].iter().chain(&filtered.pixels[PLACES..]).all(|zero| *zero == 0.0));
+        });
+        // Everywhere where the strand is seen, and once.
+        assert!(asked.iter().all(|blocks| (20..90).chain(150..380).all(|block| blocks[block] == 1)));
+        assert!(asked.iter().all(|blocks| blocks[..20].iter().chain(&blocks[380..]).all(|times| *times == 0)));
+    }
+
+    #[test]
+    fn thinned_out_filters_say_the_same_for_all_blocks_that_they_stand_for() {
+        let evidence = evidence();
+        let mut every = vec![vec![Vec::new(); BLOCKS]; FILTERS.len()];
+        evidence.filtered(PITCH_MM, Steps::Every, |f| every[f.filter][f.block] = f.sums.to_vec());
+        let mut stood_for = vec![[0; FILTERS.len()]; BLOCKS];
+        evidence.filtered(PITCH_MM, Steps::Thinned, |f| {
+            assert!(
+                f.stands_for.contains(&f.block)
+                    && f.stands_for.len() as f64 * 0.5 <= (STEP_SHARE * FILTERS[f.filter].length_mm).max(0.5)
+            );
+            let exact = &every[f.filter][f.block];
+            assert!(f.sums.iter().zip(exact).all(|(a, b)| (a - b).abs() < 2e-2));
+            f.stands_for.for_each(|block| stood_for[block][f.filter] += 1);
+        });
+        assert!((20..90).chain(150..380).all(|block| stood_for[block] == [1; FILTERS.len()]));
+    }
+
+    #[test]
+    fn a_place_is_seen_when_a_pixel_fell_near_it() {
+        let evidence = evidence();
+        let seen = evidence.seen(PITCH_MM);
+        let at = |block: usize, place: usize| seen[evidence.of_scores(block, 0).start + place];
+        // Four blocks before the first, three places beside the last; not beyond.
+        assert!(at(16, 0) && at(20, 14) && at(93, 22));
+        assert!(!at(15, 0) && !at(20, 15) && !at(94, 22) && !at(100, 0));
+        assert!((0..BLOCKS).all(|block| seen[evidence.of_scores(block, 1)].iter().all(|seen| !seen)));
+    }
+}
