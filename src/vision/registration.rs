@@ -145,16 +145,20 @@ const STEP_CUT: f32 = 0.08;
 /// Adds what a strand in a line says of how far the picture stands sideways; `there` is what is expected of its gray values, `off` what
 /// they have beside. Robust as Huber has it.
 fn add_sideways(there: &[f32], off: &[f32], sums: &mut (f64, f64)) {
-    let (mut squares, mut products) = (0.0f32, 0.0f32);
+    let steps = off.len().saturating_sub(STEP_PX + 2);
+    let (mut squares, mut products) = ([0.0f32; LANES], [0.0f32; LANES]);
     // Gray changes per column by half of what lies two columns apart; over a step that is asked at both its ends.
-    for (there, off) in there.windows(STEP_PX + 3).zip(off[1..].windows(STEP_PX + 1)) {
-        let slope = 0.5 * ((there[STEP_PX] - there[STEP_PX + 2]) - (there[0] - there[2]));
-        let off = off[STEP_PX] - off[0];
-        squares += if off.abs() < STEP_CUT { slope * slope } else { 0.0 };
-        products += slope * off.clamp(-STEP_CUT, STEP_CUT);
+    for from in (0..steps / LANES * LANES).step_by(LANES) {
+        let (there, off) = (&there[from..from + LANES + STEP_PX + 2], &off[from + 1..from + 1 + LANES + STEP_PX]);
+        for (lane, (square, product)) in squares.iter_mut().zip(&mut products).enumerate() {
+            let [first, second] = [lane, lane + STEP_PX].map(|c| 0.5 * (there[c] - there[c + 2]));
+            let (slope, off) = (second - first, off[lane + STEP_PX] - off[lane]);
+            *square += if off.abs() < STEP_CUT { slope * slope } else { 0.0 };
+            *product += slope * off.clamp(-STEP_CUT, STEP_CUT);
+        }
     }
-    sums.0 += f64::from(squares);
-    sums.1 += f64::from(products);
+    sums.0 += f64::from(squares.iter().sum::<f32>());
+    sums.1 += f64::from(products.iter().sum::<f32>());
 }
 
 /// Sums that run side by side, so that the processor adds them in one go.

@@ -96,12 +96,17 @@ impl Reference {
     }
 
     fn pixels_per_independent(&self) -> f64 {
+        if self.is_ordinary() { PIXELS_PER_INDEPENDENT } else { PIXELS_PER_INDEPENDENT_LANG }
+    }
+
+    fn most_shared(&self) -> f64 {
+        if self.is_ordinary() { MOST_SHARED } else { MOST_SHARED_LANG }
+    }
+
+    /// True if wires are known to be laid against the strands.
+    fn is_ordinary(&self) -> bool {
         // NaN, an unknown rate, compares false.
-        if self.wires.iter().any(|wire| wire.1 * self.rate_rad_per_mm < 0.0) {
-            PIXELS_PER_INDEPENDENT
-        } else {
-            PIXELS_PER_INDEPENDENT_LANG
-        }
+        self.wires.iter().any(|wire| wire.1 * self.rate_rad_per_mm < 0.0)
     }
 
     /// Phase of strand j at a knot.
@@ -292,7 +297,7 @@ pub fn strand_knots(rope: &Rope, models: &[ViewModel], sums: &[Vec<KnotSums>], r
             let (squares, pixels) = knots.iter().fold((0.0, 0.0), |(s, p), k| (s + k.squares, p + k.pixels));
             let variance =
                 (squares / pixels.max(1.0)).max(1e-6) * reference.pixels_per_independent() * models[v].noise_scale;
-            let contour_variance = contour_variance_px2(knots) * models[v].contour_noise_scale;
+            let contour_variance = contour_variance_px2(knots, reference.most_shared()) * models[v].contour_noise_scale;
             let mut measured = vec![Measurement::default(); reference.knots() * n];
             for (k, knot) in knots.iter().enumerate() {
                 let mean = reference.mean_phase_rad(reference.knot_middle(k));
@@ -345,15 +350,17 @@ impl WireError {
     }
 }
 
-/// Most that neighbouring lines' readings are taken to share: that of one after the other over some four lines of the median.
-const MOST_SHARED: f64 = 0.975;
+/// Most that the contours' readings of neighbouring lines are taken to share, and in Lang lay, where a wire stays in the outline
+/// for longer.
+const MOST_SHARED: f64 = 0.95;
+const MOST_SHARED_LANG: f64 = 0.975;
 
 /// Variance of one contour reading in px^2, raised by what neighbouring readings share (as in a first-order autoregression).
-fn contour_variance_px2(knots: &[KnotSums]) -> f64 {
+fn contour_variance_px2(knots: &[KnotSums], most_shared: f64) -> f64 {
     let (squares, count, products) = knots.iter().fold((0.0, 0.0, 0.0), |t, k| {
         (t.0 + k.contour_squares.0, t.1 + k.contour_squares.1, t.2 + k.contour_squares.2)
     });
-    let share = (products / f64::max(squares, 1e-9)).clamp(0.0, MOST_SHARED);
+    let share = (products / f64::max(squares, 1e-9)).clamp(0.0, most_shared);
     (squares / f64::max(count, 1.0)).max(0.01) * (1.0 + share) / (1.0 - share)
 }
 

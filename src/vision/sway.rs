@@ -11,7 +11,7 @@ use super::smoothing::{Chain, Course, CoursePrior, Measurement, Observation, smo
 
 /// How ropes sway: spectral density of the change of the axis's slope, times the cube of the rope's diameter, as a share of its
 /// squared width. A choice: waves of three diameters and more are followed where contours err as usual.
-const SWAY: f64 = 3e-5;
+const SWAY: f64 = 3.5e-5;
 /// The same by contours alone. Strands are registered about that course and take part in its errors, so it is calmer.
 const CALM: f64 = 1e-5;
 /// The same for what leads the image astray: strands that stand a little elsewhere, dirt and light.
