@@ -60,6 +60,12 @@ pub(super) fn measure(
                 reference.deviation_rad[k * n + j] = deviation.clamp(-0.12, 0.12);
             }
         }
+        if thinned == 1 {
+            // Now that strands and wires are about where they stand, the image tells where the axis is.
+            let registered = seen.views.iter_mut().zip(&sums).filter(|(view, _)| view.usable());
+            registered.for_each(|(view, sums)| view.refine_axis(sums));
+            join_axes(views, seen);
+        }
     }
     seen.reference = Some(reference);
 }

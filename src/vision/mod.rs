@@ -49,6 +49,7 @@
 //! - [`contour`]: edges of the rope in the image; `edge_search` and `edge_tracker` find and follow them
 //! - `shadow`: whether an edge is a shadow's, from the image beside it (`edge_strip`); `shadowed_edge`: where the rope begins then
 //! - [`displacement`]: sideways movement from line to line (eq. 9-12)
+//! - [`sway`]: its course, as smooth as ropes sway
 //! - [`shared_axis`]: what all views see of that movement
 //! - [`strand_alignment`]: phase and lay of all strands from the contours (eq. 13)
 //! - [`camera_distance`]: d from the shift between both contours
@@ -134,6 +135,7 @@ pub mod strand_alignment;
 pub mod stretch;
 pub mod surface;
 pub mod surface_map;
+pub mod sway;
 pub mod synthesis;
 pub mod tail;
 pub mod template;

@@ -15,8 +15,6 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Every how many lines the image is registered: neighbouring lines tell nearly the same.
 pub const LINE_STRIDE: usize = 8;
-/// Every how many lines the contours are: their noise is less alike from line to line.
-const CONTOUR_STRIDE: usize = 2;
 /// Differences from the template beyond this (in units of the line's mean gray) are dirt, highlights or defects, and are cut.
 pub(super) const CUT: f32 = 0.35;
 /// Strands nearer to the outline than this phase are not registered in this view: they are narrow and badly lit.
@@ -48,12 +46,22 @@ pub struct KnotSums {
     pub squares: f64,
     /// Number of pixels.
     pub pixels: f64,
+    /// Sums of (dE/dy)^2 and of dE/dy * difference, where E is how gray changes over [`STEP_PX`] columns and y how far the picture
+    /// stands sideways of where it was taken to be, in px. Asked only where no line is left out.
+    pub sideways: (f64, f64),
     /// Per strand, from the contours: sum of (dc/dphase)^2 in px^2/rad^2.
     pub contour_phase_phase: [f64; 8],
     /// Per strand, from the contours: sum of dc/dphase * difference in px^2/rad.
     pub contour_phase_difference: [f64; 8],
     /// Sum of squared contour differences in px^2, their number, and the sum of products of neighbouring ones.
     pub contour_squares: (f64, f64, f64),
+}
+
+impl KnotSums {
+    /// How far the picture stands sideways of where it was taken to be, in px; NaN if it does not say.
+    pub fn sideways_px(&self) -> f64 {
+        if self.sideways.0 > 0.0 { self.sideways.1 / self.sideways.0 } else { f64::NAN }
+    }
 }
 
 /// Sums the normal equations of every knot of an image. `phases_rad(line, out)` gives the reference phases of all strands in
@@ -78,6 +86,7 @@ pub fn register(
     let mut phases = vec![0.0f64; n];
     let mut wires = vec![f64::NAN; n];
     let mut per_wire_rad = vec![0.0f32; width];
+    let mut there = vec![0.0f32; width];
     let step = rope.strand_step_rad();
     for k in (0..image.lines()).step_by(knots.thinned * LINE_STRIDE) {
         if !normalised_line(image.line(k), axis_px[k], &mut line) {
@@ -100,14 +109,21 @@ pub fn register(
             let j = (bin.nearest + span.strand) % n;
             let own = (phases[j] - j as f64 * step - mean + in_bin) as f32;
             let (from, to) = template.columns(span);
+            there[from..to].copy_from_slice(&line[from..to]);
             if let (Some(pattern), false) = (pattern, wires[j].is_nan()) {
                 pattern.subtract(rope.wires(), bin.row, wires[j] - angle_rad, &mut line, &mut per_wire_rad, from..to);
             } else {
                 per_wire_rad[from..to].fill(0.0);
             }
             let (r, g, p) = (&mut line[from..to], &per_rad[from..to], &per_wire_rad[from..to]);
-            for (gray, (mean, g)) in r.iter_mut().zip(expected[from..to].iter().zip(g)) {
-                *gray = (*gray - mean - own * g).clamp(-CUT, CUT);
+            let there = &mut there[from..to];
+            for ((gray, there), (mean, g)) in r.iter_mut().zip(&mut *there).zip(expected[from..to].iter().zip(g)) {
+                let off = *gray - mean - own * g;
+                *there -= off;
+                *gray = off.clamp(-CUT, CUT);
+            }
+            if knots.thinned == 1 {
+                add_sideways(there, r, &mut sums.sideways);
             }
             sums.phase_phase[j] += f64::from(dot(g, g));
             sums.phase_difference[j] += f64::from(dot(g, r));
@@ -119,6 +135,30 @@ pub fn register(
         }
     }
     sums
+}
+
+/// Columns over which changes of gray are compared: dirt and light change slowly across the rope, valleys and wires do not.
+const STEP_PX: usize = 2;
+/// Differences beyond this, as a share of the line's mean gray, do not tell how far.
+const STEP_CUT: f32 = 0.08;
+
+/// Adds what a strand in a line says of how far the picture stands sideways; `there` is what is expected of its gray values, `off` what
+/// they have beside. Robust as Huber has it.
+fn add_sideways(there: &[f32], off: &[f32], sums: &mut (f64, f64)) {
+    let steps = off.len().saturating_sub(STEP_PX + 2);
+    let (mut squares, mut products) = ([0.0f32; LANES], [0.0f32; LANES]);
+    // Gray changes per column by half of what lies two columns apart; over a step that is asked at both its ends.
+    for from in (0..steps / LANES * LANES).step_by(LANES) {
+        let (there, off) = (&there[from..from + LANES + STEP_PX + 2], &off[from + 1..from + 1 + LANES + STEP_PX]);
+        for (lane, (square, product)) in squares.iter_mut().zip(&mut products).enumerate() {
+            let [first, second] = [lane, lane + STEP_PX].map(|c| 0.5 * (there[c] - there[c + 2]));
+            let (slope, off) = (second - first, off[lane + STEP_PX] - off[lane]);
+            *square += if off.abs() < STEP_CUT { slope * slope } else { 0.0 };
+            *product += slope * off.clamp(-STEP_CUT, STEP_CUT);
+        }
+    }
+    sums.0 += f64::from(squares.iter().sum::<f32>());
+    sums.1 += f64::from(products.iter().sum::<f32>());
 }
 
 /// Sums that run side by side, so that the processor adds them in one go.
@@ -160,7 +200,7 @@ pub fn register_contours(
     let n = rope.strands();
     let mut phases = vec![0.0f64; n];
     let mut before = [0.0; 2];
-    for k in (0..contours.len()).step_by(knots.thinned * CONTOUR_STRIDE) {
+    for k in (0..contours.len()).step_by(knots.thinned) {
         phases_rad(k, &mut phases);
         let knot = &mut sums[k / knots.lines];
         let columns = [contours.upper_px[k], contours.lower_px[k]];
@@ -181,5 +221,30 @@ pub fn register_contours(
             knot.contour_squares.2 += cut * before[side];
             before[side] = cut;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_tells_how_far_it_stands_sideways_also_under_dirt_and_uneven_light() {
+        let gray = |column: f32| 1.0 + 0.3 * (column * 0.4).sin();
+        let there: Vec<f32> = (0..80).map(|c| gray(c as f32)).collect();
+        for sideways_px in [-0.4f32, 0.0, 0.3] {
+            let off: Vec<f32> = (0..80)
+                .map(|c| {
+                    let (light, dirt) = (0.004 * c as f32, if (30..36).contains(&c) { -0.5 } else { 0.0 });
+                    gray(c as f32 - sideways_px) - there[c] + light + dirt
+                })
+                .collect();
+            let mut sums = KnotSums::default();
+            add_sideways(&there, &off, &mut sums.sideways);
+            // Both rims of the dirt count, but no more than the cut lets them: without it they are half a pixel.
+            let found = sums.sideways_px() as f32;
+            assert!((found - sideways_px).abs() < 0.15, "{found} instead of {sideways_px}");
+        }
+        assert!(KnotSums::default().sideways_px().is_nan());
     }
 }

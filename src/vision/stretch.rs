@@ -4,7 +4,7 @@
 
 use super::camera::Camera;
 use super::contour::Contours;
-use super::displacement::axis_course_px;
+use super::displacement::axis_readings;
 use super::image::GrayImage;
 use super::model_contour::ModelContour;
 use super::outline_detail::OutlineDetail;
@@ -13,6 +13,7 @@ use super::rope::Rope;
 use super::smoothing::Measurement;
 use super::strand_alignment::{ContourView, StrandAlignment};
 use super::surface::Outlines;
+use super::sway::{AxisGrid, AxisKnots};
 use super::template::{PhaseBin, Template};
 use super::wire_pattern::{WirePattern, mean_phase, turn_with_strands};
 use std::f64::consts::TAU;
@@ -35,6 +36,8 @@ pub struct ViewStretch {
     pub outline: Contours,
     /// Contours of the lines before and after the stretch, as far as they are known: the axis goes on there.
     pub beyond: [Contours; 2],
+    /// What the contours say of the axis.
+    pub axis_knots: AxisKnots,
     /// Scatter of the contours of single lines about the axis.
     pub axis_roughness_px: f64,
     /// Column of the rope axis at every line.
@@ -93,12 +96,17 @@ impl Reference {
     }
 
     fn pixels_per_independent(&self) -> f64 {
+        if self.is_ordinary() { PIXELS_PER_INDEPENDENT } else { PIXELS_PER_INDEPENDENT_LANG }
+    }
+
+    fn most_shared(&self) -> f64 {
+        if self.is_ordinary() { MOST_SHARED } else { MOST_SHARED_LANG }
+    }
+
+    /// True if wires are known to be laid against the strands.
+    fn is_ordinary(&self) -> bool {
         // NaN, an unknown rate, compares false.
-        if self.wires.iter().any(|wire| wire.1 * self.rate_rad_per_mm < 0.0) {
-            PIXELS_PER_INDEPENDENT
-        } else {
-            PIXELS_PER_INDEPENDENT_LANG
-        }
+        self.wires.iter().any(|wire| wire.1 * self.rate_rad_per_mm < 0.0)
     }
 
     /// Phase of strand j at a knot.
@@ -198,7 +206,7 @@ impl ViewStretch {
         ContourView { contours: &self.contours, model: &model.contour, angle_rad: model.camera.angle_rad }
     }
 
-    /// Sets the axis from the contours (eq. 10), smoothed over periods of the outline.
+    /// Sets the axis from the contours (eq. 10), as smooth as ropes sway.
     pub fn set_axis(&mut self, model: &ViewModel, rope: &Rope, reference: &Reference) {
         self.outline = match &model.detail {
             Some(detail) => detail.taken_out(rope, model.camera.angle_rad, &self.contours, |line, strands, wires| {
@@ -211,7 +219,7 @@ impl ViewStretch {
         let period_lines = (period_mm / reference.pitch_mm).round().max(8.0) as usize;
         let [before, after] = &self.beyond;
         let first = before.len() as f64;
-        let course = axis_course_px(
+        let readings = axis_readings(
             &Contours::joined([before, &self.outline, after]),
             |k| {
                 let phase = model.camera.phase_in_view(reference.mean_phase_rad(k as f64 - first));
@@ -219,14 +227,31 @@ impl ViewStretch {
             },
             period_lines,
         );
-        self.axis_px = course.px[before.len()..before.len() + self.outline.len()].to_vec();
-        self.axis_roughness_px = course.roughness_px;
+        let (knot_lines, pitch_mm) = (reference.knot_lines, reference.pitch_mm);
+        let grid = AxisGrid { knot_lines, pitch_mm, period_lines, diameter_mm: rope.diameter_mm() };
+        self.axis_knots = AxisKnots::new(&readings, before.len(), grid);
+        self.axis_px = self.axis_knots.by_contours(self.outline.len());
+        self.axis_roughness_px = scatter_px(&readings.axis_px[before.len()..], &self.axis_px);
+    }
+
+    /// Sets it from contours and image: `sums` are those of this view, registered with the axis as it is.
+    pub fn refine_axis(&mut self, sums: &[KnotSums]) {
+        let image_px: Vec<f64> = sums.iter().map(KnotSums::sideways_px).collect();
+        if let Some(axis_px) = self.axis_knots.with_image(&image_px, &self.axis_px) {
+            self.axis_px = axis_px;
+        }
     }
 
     /// True if the view shows the rope here.
     pub fn usable(&self) -> bool {
         self.image.lines() > 0 && self.axis_px.first().is_some_and(|a| a.is_finite())
     }
+}
+
+fn scatter_px(values: &[f32], course: &[f32]) -> f64 {
+    let off = values.iter().zip(course).map(|(value, course)| f64::from(value - course)).filter(|off| off.is_finite());
+    let (squares, count) = off.fold((0.0, 0.0), |(squares, count), off| (squares + off * off, count + 1.0));
+    (squares / f64::max(count, 1.0)).sqrt()
 }
 
 /// Registers every view with its template: normal equations per view and knot (empty for unusable views). One of `thinned` of
@@ -272,7 +297,7 @@ pub fn strand_knots(rope: &Rope, models: &[ViewModel], sums: &[Vec<KnotSums>], r
             let (squares, pixels) = knots.iter().fold((0.0, 0.0), |(s, p), k| (s + k.squares, p + k.pixels));
             let variance =
                 (squares / pixels.max(1.0)).max(1e-6) * reference.pixels_per_independent() * models[v].noise_scale;
-            let contour_variance = contour_variance_px2(knots) * models[v].contour_noise_scale;
+            let contour_variance = contour_variance_px2(knots, reference.most_shared()) * models[v].contour_noise_scale;
             let mut measured = vec![Measurement::default(); reference.knots() * n];
             for (k, knot) in knots.iter().enumerate() {
                 let mean = reference.mean_phase_rad(reference.knot_middle(k));
@@ -325,12 +350,17 @@ impl WireError {
     }
 }
 
+/// Most that the contours' readings of neighbouring lines are taken to share, and in Lang lay, where a wire stays in the outline
+/// for longer.
+const MOST_SHARED: f64 = 0.95;
+const MOST_SHARED_LANG: f64 = 0.975;
+
 /// Variance of one contour reading in px^2, raised by what neighbouring readings share (as in a first-order autoregression).
-fn contour_variance_px2(knots: &[KnotSums]) -> f64 {
+fn contour_variance_px2(knots: &[KnotSums], most_shared: f64) -> f64 {
     let (squares, count, products) = knots.iter().fold((0.0, 0.0, 0.0), |t, k| {
         (t.0 + k.contour_squares.0, t.1 + k.contour_squares.1, t.2 + k.contour_squares.2)
     });
-    let share = (products / f64::max(squares, 1e-9)).clamp(0.0, 0.95);
+    let share = (products / f64::max(squares, 1e-9)).clamp(0.0, most_shared);
     (squares / f64::max(count, 1.0)).max(0.01) * (1.0 + share) / (1.0 - share)
 }
 
