@@ -255,9 +255,8 @@ mod tests {
         let at = cell(12, 12, 4);
         assert!(appearance.scores(at)[16] < 0.5);
         assert!(appearance.scores(at)[30] > 3.0);
-        assert!(appearance.above(at, 30) > 3.0);
         let unseen = cell(30, 20, 0); // no judgement
-        assert!(appearance.scores(unseen)[16].is_nan() && appearance.above(unseen, 16).is_nan());
+        assert!(appearance.scores(unseen)[16].is_nan());
         let total: f32 = appearance.likelihood(at).iter().sum::<f32>() / GRAY_BINS as f32;
         assert!((total - 1.0).abs() < 1e-3);
     }
