@@ -21,7 +21,7 @@ const STEP_SHARE: f64 = 0.25;
 pub enum Steps {
     /// Every one.
     Every,
-    /// One of those that lie within [`STEP_SHARE`] of a filter's length.
+    /// One of those that lie within `STEP_SHARE` of a filter's length.
     Thinned,
 }
 
@@ -36,7 +36,7 @@ pub struct Filtered<'a> {
     pub block: usize,
     /// The blocks that it stands for, itself among them.
     pub stands_for: Range<usize>,
-    /// Sums of scores; beyond the last place there are zeros up to a multiple of [`TOGETHER`].
+    /// Sums of scores; beyond the last place there are zeros up to a multiple of `TOGETHER`.
     pub sums: &'a [f32],
     /// Numbers of pixels; as many.
     pub pixels: &'a [f32],

@@ -46,7 +46,7 @@ pub struct KnotSums {
     pub squares: f64,
     /// Number of pixels.
     pub pixels: f64,
-    /// Sums of (dE/dy)^2 and of dE/dy * difference, where E is how gray changes over [`STEP_PX`] columns and y how far the picture
+    /// Sums of (dE/dy)^2 and of dE/dy * difference, where E is how gray changes over `STEP_PX` columns and y how far the picture
     /// stands sideways of where it was taken to be, in px. Asked only where no line is left out.
     pub sideways: (f64, f64),
     /// Per strand, from the contours: sum of (dc/dphase)^2 in px^2/rad^2.

@@ -131,7 +131,7 @@ impl Residuals {
         });
     }
 
-    /// The same for all places of a strand in a block together: indices in the grid, surface cells ([`UNSEEN`] where no pixel fell),
+    /// The same for all places of a strand in a block together: indices in the grid, surface cells (`UNSEEN` where no pixel fell),
     /// and scaled factors, NaN where they cannot be told.
     pub fn for_each_strand(&self, factor: Factor, pitch_mm: f64, mut each: impl FnMut(Range<usize>, &[u32], &[f32])) {
         let lag_blocks = blocks_of(STEP_MM, self.block_lines as f64 * pitch_mm);
