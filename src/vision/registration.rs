@@ -200,9 +200,7 @@ pub fn register_contours(
     let n = rope.strands();
     let mut phases = vec![0.0f64; n];
     let mut before = [0.0; 2];
-    // Every line counts where all count; before, every second is enough.
-    let every = if knots.thinned == 1 { 1 } else { 2 * knots.thinned };
-    for k in (0..contours.len()).step_by(every) {
+    for k in (0..contours.len()).step_by(knots.thinned) {
         phases_rad(k, &mut phases);
         let knot = &mut sums[k / knots.lines];
         let columns = [contours.upper_px[k], contours.lower_px[k]];
