@@ -22,7 +22,7 @@ use ropescope::vision::aligner::{AlignedStretch, Aligner, AlignerSpec, Stretch};
 use ropescope::vision::camera::Camera;
 use ropescope::vision::evidence::{Evidence, block_lines};
 use ropescope::vision::inspection_model::{AlignedView, ViewAppearance};
-use ropescope::vision::scoring::{StretchScores, join_views};
+use ropescope::vision::stretch_scores::{StretchScores, join_views};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

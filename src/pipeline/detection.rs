@@ -13,7 +13,7 @@ use crate::vision::defects::{AlarmBuilder, Defect, merge};
 use crate::vision::evidence::{block_lines, blocks};
 use crate::vision::image::GrayImage;
 use crate::vision::inspection_model::AlignedView;
-use crate::vision::scoring::{StretchScores, join_views};
+use crate::vision::stretch_scores::{StretchScores, join_views};
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
 

@@ -4,7 +4,7 @@
 //! The tail of the inspection's own scores under the threshold tells how many false defects lie over it.
 
 use super::budget::BudgetFit;
-use crate::vision::scoring::StretchScores;
+use crate::vision::stretch_scores::StretchScores;
 use crate::vision::tail::{Tail, base_of, peaks};
 use serde::{Deserialize, Serialize};
 

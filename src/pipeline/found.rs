@@ -58,7 +58,7 @@ impl DefectsSoFar {
 mod tests {
     use super::*;
     use crate::pipeline::acquisition::{RopeFile, ViewFile};
-    use crate::vision::scoring::StretchScores;
+    use crate::vision::stretch_scores::StretchScores;
 
     fn acquisition() -> Acquisition {
         let file = RopeFile {

@@ -5,7 +5,8 @@
 
 use crate::vision::evidence::Evidence;
 use crate::vision::inspection_model::ViewAppearance;
-use crate::vision::scoring::{CalibrationSums, StretchScores, join_views};
+use crate::vision::scoring::CalibrationSums;
+use crate::vision::stretch_scores::{StretchScores, join_views};
 use rayon::prelude::*;
 
 /// Parts of the stretches, each of which is judged by the calibration of the others.

@@ -3,7 +3,7 @@
 //! Stored scores do not tell strands apart, so alarms of two strands at one place count as one place here.
 
 use crate::vision::defects::{AlarmBuilder, merge};
-use crate::vision::scoring::StretchScores;
+use crate::vision::stretch_scores::StretchScores;
 use std::io::Read;
 
 /// Halvings of the interval of scores in search of a budget: finer than any score is told.

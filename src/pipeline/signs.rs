@@ -5,7 +5,7 @@ use crate::vision::defects::Look;
 use crate::vision::inspection_model::AlignedView;
 use crate::vision::kind::{Grays, Signs};
 use crate::vision::model_contour::ModelContour;
-use crate::vision::scoring::StretchScores;
+use crate::vision::stretch_scores::StretchScores;
 use crate::vision::surface_map::{PLACES_PER_WIRE, SurfaceMap};
 
 /// Rope to either side over which the edge's usual distance from the outline is taken, in mm: farther than a wire stands out.

@@ -1,7 +1,7 @@
 //! From scores to alarms to defects: runs of lines over the threshold, merged over lines, wires and views.
 
 use super::kind::{Figures, Signs};
-use super::scoring::StretchScores;
+use super::stretch_scores::StretchScores;
 
 /// Alarms of one view nearer than this along the rope are one.
 const ALARM_GAP_MM: f64 = 4.0;

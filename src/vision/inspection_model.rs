@@ -8,8 +8,9 @@ use super::factor::FACTORS;
 use super::histogram::Histogram;
 use super::residuals::Residuals;
 use super::rope::Rope;
-use super::scoring::{CalibrationSums, FilterCalibration, StretchScores, score};
+use super::scoring::{CalibrationSums, FilterCalibration, score};
 use super::stretch::ViewStretch;
+use super::stretch_scores::StretchScores;
 use super::surface_map::SurfaceMap;
 use super::usual::{Moments, Usual};
 

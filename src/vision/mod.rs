@@ -83,6 +83,7 @@
 //! - [`evidence`]: scores on the unrolled rope
 //! - [`filtering`]: their sums along the wires
 //! - [`scoring`]: sums made comparable
+//! - [`stretch_scores`]: the scores of a stretch, and views joined
 //! - [`lasting`]: what is rare because it lasts
 //! - [`tail`]: where an alarm begins
 //! - [`defects`]: alarms of one cause, merged
@@ -133,6 +134,7 @@ pub mod smoothing;
 pub mod strand;
 pub mod strand_alignment;
 pub mod stretch;
+pub mod stretch_scores;
 pub mod surface;
 pub mod surface_map;
 pub mod sway;

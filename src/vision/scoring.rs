@@ -7,6 +7,7 @@
 use super::evidence::{Evidence, FILTERS, UNSEEN};
 use super::filtering::{Filtered, Steps, TOGETHER};
 use super::histogram::REGIONS;
+use super::stretch_scores::StretchScores;
 
 /// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
 const LEAST_SHARE: f32 = 0.25;
@@ -196,35 +197,11 @@ fn region_levels(samples: &[Sample], z: impl Fn(&Sample) -> f32) -> Vec<RegionLe
     of_region.iter_mut().map(mixed).collect()
 }
 
-/// Scores of a stretch in one view.
-#[derive(Debug, Clone)]
-pub struct StretchScores {
-    /// Highest score under any filter, `[(block * strands + strand) * places + place]`; NaN where nothing was judged.
-    pub cells: Vec<f32>,
-    /// Whether any pixel of this view fell there, same order.
-    pub seen: Vec<bool>,
-    /// Score of every block: the highest of its places, settled with the blocks about it; NaN where nothing was judged.
-    pub blocks: Vec<f32>,
-    /// Strand and place where that highest score stands.
-    pub peaks: Vec<(usize, usize)>,
-    /// Lines per block.
-    pub block_lines: usize,
-    /// Places per strand.
-    pub places: usize,
-}
-
 /// Scores the evidence of a stretch, one entry a factor, under all filters: the rarest finding counts,
 /// supported by what other factors find at the same place.
 pub fn score(factors: &[(Evidence, &[Option<FilterCalibration>])], pitch_mm: f64) -> StretchScores {
     let Some((first, _)) = factors.first() else {
-        return StretchScores {
-            cells: Vec::new(),
-            seen: Vec::new(),
-            blocks: Vec::new(),
-            peaks: Vec::new(),
-            block_lines: 1,
-            places: 1,
-        };
+        return StretchScores::new(Vec::new(), Vec::new(), 1, 1, 1);
     };
     let row = first.strands * first.places;
     let mut cells = vec![UNJUDGED; first.blocks * row];
@@ -266,16 +243,7 @@ pub fn score(factors: &[(Evidence, &[Option<FilterCalibration>])], pitch_mm: f64
             *to = if judged { cell + support } else { f32::NAN };
         }
     }
-    let mut scores = StretchScores {
-        cells: scored,
-        seen: first.seen(pitch_mm),
-        blocks: Vec::new(),
-        peaks: Vec::new(),
-        block_lines: first.block_lines,
-        places: first.places,
-    };
-    scores.find_peaks(row);
-    scores
+    StretchScores::new(scored, first.seen(pitch_mm), row, first.places, first.block_lines)
 }
 
 /// Score of cells that no filter judged, while scores are gathered.
@@ -284,72 +252,3 @@ const UNJUDGED: f32 = f32::NEG_INFINITY;
 const SUPPORT: f32 = 0.7;
 /// Score up to which a finding is usual: one place in ten has it.
 const USUAL: f32 = 1.0;
-/// What another view's score counts where this view sees the place, but too obliquely to judge as well.
-const OTHER_VIEW_SHARE: f32 = 0.95;
-
-/// Blocks to either side that a block's score is settled with.
-const SETTLING_BLOCKS: usize = 10;
-/// Share of that mean in the settled score.
-const SETTLING_SHARE: f32 = 0.5;
-
-/// A part of every score, the rest of the mean about it where that is lower: the highest of many places jumps from block to block by
-/// chance, defects last. Rope beside a defect does not become one.
-fn settled(blocks: &[f32]) -> Vec<f32> {
-    let around = |k: usize| {
-        let near = &blocks[k.saturating_sub(SETTLING_BLOCKS)..(k + SETTLING_BLOCKS + 1).min(blocks.len())];
-        let (sum, n) = near.iter().filter(|s| s.is_finite()).fold((0.0, 0.0), |(s, n), b| (s + b, n + 1.0));
-        sum / n
-    };
-    blocks.iter().enumerate().map(|(k, &score)| score + SETTLING_SHARE * (around(k) - score).min(0.0)).collect()
-}
-
-impl StretchScores {
-    /// Highest score of every block's own places; NaN where nothing was judged.
-    pub fn highest(&self) -> Vec<f32> {
-        let row = self.cells.len() / self.peaks.len().max(1);
-        let at = |(block, &(strand, place)): (usize, &(usize, usize))| {
-            self.cells[block * row + strand * self.places + place]
-        };
-        self.peaks.iter().enumerate().map(at).collect()
-    }
-
-    fn find_peaks(&mut self, row: usize) {
-        self.blocks.clear();
-        self.peaks.clear();
-        for block in self.cells.chunks_exact(row) {
-            // The highest of several columns side by side, then where it stands. NaN is never higher.
-            let mut columns = [f32::NEG_INFINITY; TOGETHER];
-            for scores in block.chunks(TOGETHER) {
-                for (best, &score) in columns.iter_mut().zip(scores) {
-                    *best = if score > *best { score } else { *best };
-                }
-            }
-            let best = columns.into_iter().fold(f32::NEG_INFINITY, f32::max);
-            let peak = block.iter().rposition(|&score| score == best).unwrap_or(0);
-            self.blocks.push(if best.is_finite() { best } else { f32::NAN });
-            self.peaks.push((peak / self.places, peak % self.places));
-        }
-        self.blocks = settled(&self.blocks);
-    }
-}
-
-/// Joins what several views say of the same places: each view takes over what another one scores higher, where it sees the
-/// place itself. A break at the edge of one view is often in the middle of the next.
-pub fn join_views(views: &mut [Option<StretchScores>], strands: usize) {
-    let Some(len) = views.iter().flatten().map(|v| v.cells.len()).max() else { return };
-    let mut best = vec![f32::NAN; len];
-    for view in views.iter().flatten() {
-        for (best, &score) in best.iter_mut().zip(&view.cells) {
-            *best = best.max(score);
-        }
-    }
-    for view in views.iter_mut().flatten() {
-        for ((cell, &seen), &best) in view.cells.iter_mut().zip(&view.seen).zip(&best) {
-            if seen && best.is_finite() {
-                *cell = cell.max(OTHER_VIEW_SHARE * best);
-            }
-        }
-        let row = strands * view.places;
-        view.find_peaks(row);
-    }
-}
