@@ -36,7 +36,7 @@ fn main() -> anyhow::Result<()> {
     };
     let (acquisition, frames) = open_folder(&folder)?;
     let out = tempfile::tempdir()?;
-    let spec = spec(&acquisition);
+    let spec = acquisition.aligner_spec();
     let lines = spec.stretch_lines(STRETCH_LINES / acquisition.reduction as usize);
     let mut reader = StretchReader::new(&frames, spec.width_px, lines, 0..usize::MAX, None)?;
     let metres = reader.lines() as f64 * acquisition.line_pitch_mm / 1000.0;
@@ -99,16 +99,6 @@ fn processor_seconds() -> f64 {
     // User and system time are the 14th and 15th field; the second is a name in brackets.
     let ticks = stat.rsplit(')').next().into_iter().flat_map(|rest| rest.split_whitespace().skip(11).take(2));
     ticks.filter_map(|field| field.parse::<f64>().ok()).sum::<f64>() / 100.0
-}
-
-fn spec(acquisition: &Acquisition) -> AlignerSpec {
-    AlignerSpec::new(
-        acquisition.rope.clone(),
-        acquisition.line_pitch_mm,
-        acquisition.view_angles_rad.clone(),
-        acquisition.sensor_px as usize,
-        acquisition.rope_width_px,
-    )
 }
 
 fn align(spec: AlignerSpec, stretches: Vec<Stretch>) -> anyhow::Result<(Vec<AlignedStretch>, Vec<Camera>)> {

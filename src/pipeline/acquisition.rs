@@ -1,6 +1,7 @@
 //! An acquisition folder: `rope.json` and the frames beside it (design: `rope.json` as read is [`RopeFile`], checked is [`Acquisition`]).
 
 use super::source::{FrameFiles, MAX_SENSOR_PX};
+use crate::vision::aligner::AlignerSpec;
 use crate::vision::rope::{Rope, RopeDesign, RopeDesignError};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -245,6 +246,17 @@ impl Acquisition {
     /// Rope metre of a line.
     pub fn position_m(&self, line: usize) -> f64 {
         self.start_m + line as f64 * self.line_pitch_mm / 1000.0
+    }
+
+    /// What the aligner must know of it.
+    pub fn aligner_spec(&self) -> AlignerSpec {
+        AlignerSpec::new(
+            self.rope.clone(),
+            self.line_pitch_mm,
+            self.view_angles_rad.clone(),
+            self.sensor_px as usize,
+            self.rope_width_px,
+        )
     }
 
     /// The construction in one line, as models and errors name it: `6x9, 32 mm, 4 views`.

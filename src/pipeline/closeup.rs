@@ -1,7 +1,7 @@
 //! A defect close up: what a view saw, what the model would draw there, and gray values along the wire and across the wires, observed
 //! and expected. Aligns the neighbourhood of the defect anew, because inspections do not keep the course of every line.
 
-use super::drive::{Drive, aligner_spec};
+use super::drive::Drive;
 use super::model_file::Model;
 use super::profile::{Mean, ProfilePoint, UsualGrays};
 use super::results::AlarmRow;
@@ -76,7 +76,7 @@ pub fn closeup(
     progress: &dyn Progress,
 ) -> Result<Closeup, CloseupError> {
     model.check(acquisition)?;
-    let stretch_lines = aligner_spec(acquisition).stretch_lines(STRETCH_LINES);
+    let stretch_lines = acquisition.aligner_spec().stretch_lines(STRETCH_LINES);
     let middle = usize::midpoint(alarm.first_line, alarm.last_line);
     // The defect lies in the middle of a stretch, so that there is rope on both sides.
     let start = middle.saturating_sub(stretch_lines / 2);

@@ -2,19 +2,8 @@
 
 use super::stretches::{STRETCH_LINES, StretchReader};
 use super::{Acquisition, FrameSource, PipelineError, Progress, ProgressReport};
-use crate::vision::aligner::{AlignedStretch, Aligner, AlignerSpec};
+use crate::vision::aligner::{AlignedStretch, Aligner};
 use crate::vision::camera::Camera;
-
-/// The aligner's specification for an acquisition.
-pub(super) fn aligner_spec(acquisition: &Acquisition) -> AlignerSpec {
-    AlignerSpec::new(
-        acquisition.rope.clone(),
-        acquisition.line_pitch_mm,
-        acquisition.view_angles_rad.clone(),
-        acquisition.sensor_px as usize,
-        acquisition.rope_width_px,
-    )
-}
 
 /// Which lines to align, and how the run reports.
 pub(super) struct Drive<'a> {
@@ -29,7 +18,7 @@ pub(super) struct Drive<'a> {
 impl Drive<'_> {
     /// The reader for the range.
     pub fn reader(&self) -> Result<StretchReader<'_>, PipelineError> {
-        let spec = aligner_spec(self.acquisition);
+        let spec = self.acquisition.aligner_spec();
         let lines = spec.stretch_lines(STRETCH_LINES / self.acquisition.reduction as usize);
         Ok(StretchReader::new(self.source, spec.width_px, lines, self.range.clone(), self.given_contours)?)
     }
@@ -63,7 +52,7 @@ impl Drive<'_> {
             }
             Ok(())
         };
-        let mut aligner = Aligner::new(aligner_spec(self.acquisition));
+        let mut aligner = Aligner::new(self.acquisition.aligner_spec());
         let (mut ahead, mut settled) = (None, Settled::default());
         loop {
             if self.progress.cancelled() {

@@ -1,6 +1,6 @@
 //! Passes over the ranges that a training reads: one range after the other, each aligned by itself, all counted as one rope.
 
-use super::drive::{Drive, aligner_spec};
+use super::drive::Drive;
 use super::progress::Quiet;
 use super::stretches::STRETCH_LINES;
 use super::training_range::{LearntFrom, TrainingRange};
@@ -40,7 +40,7 @@ impl<'a> Used<'a> {
 
     /// Lines of its stretches.
     pub fn stretch_lines(&self) -> usize {
-        aligner_spec(self.range.acquisition).stretch_lines(STRETCH_LINES)
+        self.range.acquisition.aligner_spec().stretch_lines(STRETCH_LINES)
     }
 
     /// Rope metres of its first line and of its end.

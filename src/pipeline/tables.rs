@@ -139,8 +139,8 @@ fn push_whole(row: &mut Vec<u8>, number: u64, least_digits: usize) {
     row[first..].reverse();
 }
 
-/// Appends a number with so many digits behind the point: written a hundred thousand times a second, digit by digit is faster than
-/// by formatting.
+/// Appends a number with so many digits behind the point; halves are rounded away from 0. Every line has two of them: by formatting,
+/// an inspection takes a twelfth more processor time, all of it at its end on one core.
 fn push_decimal(row: &mut Vec<u8>, value: f32, digits: usize) {
     let one = 10u64.pow(digits as u32);
     let parts = (f64::from(value.abs()) * one as f64).round() as u64;

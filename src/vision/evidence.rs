@@ -41,6 +41,7 @@ pub const FILTERS: [Filter; 4] = [
 ];
 /// Region of places that no pixel fell into.
 pub const UNSEEN: u8 = u8::MAX;
+
 /// Sums of scores of a stretch in one view, `[(strand * blocks + block) * places + place]`: filters run strand by strand.
 #[derive(Debug, Clone)]
 pub struct Evidence {
