@@ -3,9 +3,10 @@
 //! Calibrating on a stretch makes its own scores lower than those of unseen rope: the highest of many filters is fitted to just
 //! this stretch. A threshold from such scores lets ten times as many false defects pass as it promises.
 
+use crate::vision::calibration::CalibrationSums;
 use crate::vision::evidence::Evidence;
 use crate::vision::inspection_model::ViewAppearance;
-use crate::vision::scoring::CalibrationSums;
+
 use crate::vision::stretch_scores::{StretchScores, join_views};
 use rayon::prelude::*;
 
@@ -21,14 +22,8 @@ pub(super) struct Held {
 impl Held {
     /// Filters every stretch once: every calibration needs the same sums.
     pub fn new(evidence: Vec<Vec<Evidence>>, pitch_mm: f64) -> Self {
-        let of_stretch = |factors: &Vec<Evidence>| {
-            let of_factor = |evidence: &Evidence| {
-                let mut sums = CalibrationSums::default();
-                sums.add(evidence, pitch_mm);
-                sums
-            };
-            factors.iter().map(of_factor).collect()
-        };
+        let of_stretch =
+            |factors: &Vec<Evidence>| factors.iter().map(|evidence| CalibrationSums::of(evidence, pitch_mm)).collect();
         let sums = evidence.par_iter().map(of_stretch).collect();
         Self { evidence, sums }
     }

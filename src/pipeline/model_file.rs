@@ -4,17 +4,18 @@ use super::tables::write_error;
 use super::train::TrainReport;
 use super::{Acquisition, PipelineError};
 use crate::vision::appearance::{Appearance, TABLES};
+use crate::vision::calibration::{FilterCalibration, RegionLevel};
 use crate::vision::factor::FACTORS;
 use crate::vision::histogram::{CELLS, REGIONS};
 use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::lasting::Lasting;
-use crate::vision::scoring::{FilterCalibration, RegionLevel};
+use crate::vision::together::Together;
 use crate::vision::usual::Usual;
 use serde::{Deserialize, Serialize};
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-const MAGIC: &[u8] = b"ropescope model 6\n";
+const MAGIC: &[u8] = b"ropescope model 7\n";
 /// How models of every version begin.
 const KIND: &[u8] = b"ropescope model ";
 /// Longest header that is read, in bytes.
@@ -50,6 +51,8 @@ struct Header {
     construction: Construction,
     /// `[view][factor][filter]`.
     calibration: Vec<Vec<Vec<Option<CalibrationNumbers>>>>,
+    /// Correlations of the factors, `[view][factor][factor]`.
+    together: Vec<Vec<Vec<f32>>>,
     /// Cut, from and rise of [`Lasting`].
     lasting: [f32; 3],
     /// Floats of the tables of the gray value.
@@ -100,6 +103,7 @@ impl Model {
                     v.calibration.iter().map(of_factor).collect()
                 })
                 .collect(),
+            together: self.views.iter().map(|v| v.together.correlations().to_vec()).collect(),
             lasting: [self.lasting.cut, self.lasting.from, self.lasting.rise],
             table_lens: TABLES,
         };
@@ -127,7 +131,8 @@ impl Model {
     pub fn read(path: &Path) -> Result<Self, PipelineError> {
         let unusable = |reason: String| PipelineError::Model { path: path.into(), reason };
         let (header, rest) = read_header(path)?;
-        if header.table_lens != TABLES || header.calibration.len() != header.construction.views {
+        let views = header.construction.views;
+        if header.table_lens != TABLES || header.calibration.len() != views || header.together.len() != views {
             return Err(unusable(format!(
                 "its tables have {:?} entries, this version uses {TABLES:?}",
                 header.table_lens
@@ -141,7 +146,7 @@ impl Model {
         };
         let wrong_size = |what: &str| unusable(format!("its {what} has the wrong size"));
         let mut views = Vec::new();
-        for factors in &header.calibration {
+        for (factors, together) in header.calibration.iter().zip(header.together) {
             let [likelihood, score, expected] = TABLES;
             let gray = Appearance::from_tables([table(likelihood)?, table(score)?, table(expected)?]);
             let gray = gray.ok_or_else(|| wrong_size("appearance"))?;
@@ -152,7 +157,10 @@ impl Model {
                 numbers.as_ref().map(|n| n.calibration().ok_or_else(|| wrong_size("calibration"))).transpose()
             };
             let calibration = factors.iter().map(|filters| filters.iter().map(filter).collect());
-            views.push(ViewAppearance { gray, further, calibration: calibration.collect::<Result<_, _>>()? });
+            let calibration = calibration.collect::<Result<_, _>>()?;
+            let together = Together::from_correlations(together, FACTORS.len() + 1)
+                .ok_or_else(|| wrong_size("table of factors"))?;
+            views.push(ViewAppearance { gray, further, calibration, together });
         }
         let [cut, from, rise] = header.lasting;
         let lasting = Lasting { cut, from, rise };
@@ -165,6 +173,7 @@ impl Model {
 struct CalibrationNumbers {
     shared: f64,
     pixels: f64,
+    both_ways: bool,
     one_in_100: f64,
     one_in_1000: f64,
     /// `[region]`: middle, upward.
@@ -174,16 +183,17 @@ struct CalibrationNumbers {
 impl CalibrationNumbers {
     fn of(c: &FilterCalibration) -> Self {
         let regions = c.regions.iter().map(|r| [r.middle, r.upward]).collect();
-        let FilterCalibration { shared, pixels, one_in_100, one_in_1000, .. } = *c;
-        Self { shared, pixels, one_in_100, one_in_1000, regions }
+        let FilterCalibration { shared, pixels, both_ways, one_in_100, one_in_1000, .. } = *c;
+        Self { shared, pixels, both_ways, one_in_100, one_in_1000, regions }
     }
 
     fn calibration(&self) -> Option<FilterCalibration> {
         let regions = self.regions.iter().map(|&[middle, upward]| RegionLevel { middle, upward }).collect();
-        let Self { shared, pixels, one_in_100, one_in_1000, .. } = *self;
+        let Self { shared, pixels, both_ways, one_in_100, one_in_1000, .. } = *self;
         (self.regions.len() == REGIONS).then_some(FilterCalibration {
             shared,
             pixels,
+            both_ways,
             one_in_100,
             one_in_1000,
             regions,

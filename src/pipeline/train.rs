@@ -75,7 +75,7 @@ impl TrainReport {
 /// Least rope that must be aligned, in m.
 const LEAST_M: f64 = 0.8;
 /// Memory for the evidence of stretches that calibrate.
-const MOST_EVIDENCE_BYTES: usize = 420_000_000;
+const MOST_EVIDENCE_BYTES: usize = 480_000_000;
 /// What evidence takes for a place of the unrolled rope: sum, count, region.
 const BYTES_PER_CELL: usize = 9;
 /// Fewest stretches that are kept, if there are as many.

@@ -7,7 +7,7 @@
 use super::appearance::GrayScale;
 use super::camera::Camera;
 use super::estimates::Estimates;
-use super::factor::{FACTOR_LENGTHS_MM, Factor};
+use super::factor::Factor;
 use super::histogram::{Histogram, region};
 use super::residuals::{self, Residuals};
 use super::rope::Rope;
@@ -55,6 +55,8 @@ pub struct Evidence {
     pub places: usize,
     /// Lengths of the filters that are asked in mm.
     pub(super) lengths_mm: RangeInclusive<f64>,
+    /// Whether sums far below zero are as unusual as sums far above.
+    pub(super) both_ways: bool,
     pub(super) sums: Vec<f32>,
     pub(super) counts: Vec<f32>,
     /// Region of the surface that the place shows in this view; [`UNSEEN`] where no pixel fell.
@@ -104,7 +106,8 @@ impl Evidence {
     /// Scores a further factor of the appearance at every place of the unrolled rope.
     pub fn of_factor(residuals: &Residuals, factor: Factor, usual: &Usual, pitch_mm: f64) -> Self {
         let (blocks, strands, places) = (residuals.blocks, residuals.strands, residuals.places);
-        let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places, FACTOR_LENGTHS_MM);
+        let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places, factor.lengths_mm());
+        evidence.both_ways = factor.both_ways();
         residuals.for_each_strand(factor, pitch_mm, |at, cells, values| {
             let counted = evidence.sums[at.clone()].iter_mut().zip(&mut evidence.counts[at.clone()]);
             let places = counted.zip(&mut evidence.regions[at]);
@@ -136,6 +139,7 @@ impl Evidence {
             strands,
             places,
             lengths_mm,
+            both_ways: false,
             sums: vec![0.0; len],
             counts: vec![0.0; len],
             regions: vec![UNSEEN; len],

@@ -8,8 +8,6 @@ use std::ops::RangeInclusive;
 
 /// Lengths of the filters in mm under which the gray value is asked: a long shade is dirt or light more often than damage.
 pub const GRAY_LENGTHS_MM: RangeInclusive<f64> = 0.0..=12.0;
-/// The same for the further factors: of a single millimetre they tell mostly chance.
-pub const FACTOR_LENGTHS_MM: RangeInclusive<f64> = 4.0..=40.0;
 
 /// A further factor of the appearance model, judged by how far it is above what is expected.
 ///
@@ -20,6 +18,9 @@ pub enum Factor {
     /// Grain along the wire, pixel by pixel, averaged over a place: pits and scratches of a wire that is neither darker nor
     /// brighter for them.
     Texture,
+    /// How even that grain is in all directions. Drawn wires have streaks along them; rust, burns and torn ends have none, and dirt on
+    /// the streaks darkens both alike.
+    Evenness,
     /// How much of the shading is missing that makes a wire look round: worn, torn and missing wires are not, and dirt on a round
     /// wire darkens its bright and dark sides alike.
     Relief,
@@ -27,22 +28,43 @@ pub enum Factor {
     Across,
     /// Difference of a place from its own wire a little before and behind: ends, gaps and rims.
     Step,
+    /// Slant of the grain against the wire: scratches across it all lean one way, while specks of dirt lean no way, so sums of
+    /// them stay small.
+    Slant,
 }
 
 /// Farthest from the middle of its scale that a factor counts: a single place must not move what is usual.
 const MOST: f32 = 16.0;
 
 /// The factors beside the gray value, in the order in which they are stored.
-pub const FACTORS: [Factor; 4] = [Factor::Texture, Factor::Relief, Factor::Across, Factor::Step];
+pub const FACTORS: [Factor; 6] =
+    [Factor::Texture, Factor::Evenness, Factor::Relief, Factor::Across, Factor::Step, Factor::Slant];
 
 impl Factor {
-    /// Brings measured values of the factor, the missing share of the shading for [`Self::Relief`] and mean squared changes of gray
-    /// bins for the others, to a scale on which intact rope is spread evenly. NaN stays NaN.
+    /// Lengths of the filters in mm under which it is asked: of a single millimetre factors tell mostly chance. A slant that lasts is
+    /// a wire that was registered a little askew.
+    pub fn lengths_mm(self) -> RangeInclusive<f64> {
+        match self {
+            Self::Slant => 4.0..=12.0,
+            Self::Texture | Self::Evenness | Self::Relief | Self::Across | Self::Step => 4.0..=40.0,
+        }
+    }
+
+    /// Whether it is as unusual to be below what is expected as above.
+    pub fn both_ways(self) -> bool {
+        self == Self::Slant
+    }
+
+    /// Brings measured values of the factor to a scale on which intact rope is spread evenly: for [`Self::Slant`] the mean product of
+    /// changes along and across the wire as a share of their squares, for [`Self::Evenness`] the quotient of these squares,
+    /// the missing share of the shading for [`Self::Relief`], and mean squared changes of gray bins for the others. NaN stays NaN.
     pub fn scale(self, values: &mut [f32]) {
         match self {
             Self::Texture => scale_each(values, |value| logarithm(value + 0.02) * 4.0),
+            Self::Evenness => scale_each(values, |value| logarithm(value) * 4.0),
             Self::Relief => scale_each(values, |value| value * 10.0),
             Self::Across | Self::Step => scale_each(values, |value| logarithm(value + 0.02) * 2.5),
+            Self::Slant => scale_each(values, |value| value * 20.0),
         }
     }
 }

@@ -94,7 +94,9 @@ impl Evidence {
                 if cut_at != Some(filter.cut) {
                     sums.across::<HALF_PLACES>(self, strand, blocks.clone(), |sum, n| {
                         let most = filter.cut * n;
-                        if sum < most { sum } else { most }
+                        let least = if self.both_ways { -most } else { f32::NEG_INFINITY };
+                        let sum = if sum < most { sum } else { most };
+                        if sum > least { sum } else { least }
                     });
                 }
                 cut_at = Some(filter.cut);

@@ -9,6 +9,7 @@ use super::expected_row::ExpectedRow;
 use super::grain::Compared;
 use super::histogram::GRAY_BINS;
 use super::surface_map::{Run, whole, within};
+use std::ops::AddAssign;
 
 /// Sums over the pixels of one place in one block. A pixel of the middle line stands for those of all lines.
 #[derive(Debug, Clone, Copy, Default)]
@@ -21,12 +22,31 @@ pub(super) struct Sums {
     pub deviation: f32,
     /// Expected gray, once for every pixel of the middle line.
     pub expected: f32,
-    /// Squared changes along the wire.
-    pub along: f32,
+    /// Changes of gray from pixel to pixel.
+    pub changes: Changes,
     /// Pixels of the middle line.
     pub pixels: f32,
     /// Surface cell of one of them.
     pub cell: u32,
+}
+
+/// Sums over changes of gray along the wire and across it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Changes {
+    /// Squares of those along it.
+    pub along: f32,
+    /// Squares of those across it.
+    pub across: f32,
+    /// Products of both.
+    pub slanted: f32,
+}
+
+impl AddAssign for Changes {
+    fn add_assign(&mut self, other: Self) {
+        self.along += other.along;
+        self.across += other.across;
+        self.slanted += other.slanted;
+    }
 }
 
 /// A line of the block that is gathered.
@@ -60,7 +80,7 @@ pub(super) struct Gathering<'a> {
     /// Sums over the lines.
     gray_sums: Vec<f32>,
     scores: Vec<f32>,
-    alongs: Vec<f32>,
+    changes: Vec<Changes>,
 }
 
 impl<'a> Gathering<'a> {
@@ -78,7 +98,7 @@ impl<'a> Gathering<'a> {
             shares: vec![0.0; width_px],
             gray_sums: vec![0.0; width_px],
             scores: vec![0.0; width_px],
-            alongs: vec![0.0; width_px],
+            changes: vec![Changes::default(); width_px],
         }
     }
 
@@ -88,7 +108,7 @@ impl<'a> Gathering<'a> {
         self.row.look_up(self.gray, run);
         self.gray_sums[..n].fill(0.0);
         self.scores[..n].fill(0.0);
-        self.alongs[..n].fill(0.0);
+        self.changes[..n].fill(Changes::default());
         for line in lines {
             self.see(run, line);
             if let Some((pair, axis_moved_px)) = &line.compared {
@@ -96,8 +116,8 @@ impl<'a> Gathering<'a> {
             }
         }
         let of_lines = lines.len() as f32;
-        let sums = self.gray_sums.iter().zip(&self.scores).zip(&self.alongs);
-        for (((&place, &cell), &expected), ((&gray_sum, &score), &along)) in
+        let sums = self.gray_sums.iter().zip(&self.scores).zip(&self.changes);
+        for (((&place, &cell), &expected), ((&gray_sum, &score), &changes)) in
             run.places.iter().zip(run.cells).zip(&self.row.expected).zip(sums)
         {
             if expected.is_nan() {
@@ -110,7 +130,7 @@ impl<'a> Gathering<'a> {
             }
             to.deviation += gray_sum - of_lines * expected;
             to.expected += expected;
-            to.along += along;
+            to.changes += changes;
             to.pixels += 1.0;
             to.cell = cell;
         }
@@ -140,7 +160,7 @@ impl<'a> Gathering<'a> {
         }
     }
 
-    /// Sums squared changes along the wire, from the line before that is compared to this one.
+    /// Sums changes along the wire, from the line before that is compared to this one, and across it.
     fn compare(&mut self, run: &Run<'_>, pair: &Compared<'_>, axis_moved_px: f32) {
         let n = run.cells.len();
         let last_px = pair.now.len() as f32 - 1.5;
@@ -153,10 +173,66 @@ impl<'a> Gathering<'a> {
             (*before, *share) = (left, at - left as i32 as f32);
         }
         let places = columns.iter().zip(&*before).zip(&*shares);
-        for (along, ((&column, &before), share)) in self.alongs.iter_mut().zip(places) {
+        for (changes, ((&column, &before), share)) in self.changes.iter_mut().zip(places) {
             let past = &pair.before[before as usize..before as usize + 2];
-            let change = pair.now[column as usize] - (past[0] + share * (past[1] - past[0]));
-            *along += change * change;
+            let along = pair.now[column as usize] - (past[0] + share * (past[1] - past[0]));
+            let [past, now] = pair.sideways;
+            let across = (past[before as usize] + now[column as usize]) / 2.0;
+            *changes += Changes { along: along * along, across: across * across, slanted: along * across };
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::grain::Grain;
+    use crate::vision::histogram::{Histogram, SIGMA_BINS, cell};
+
+    /// Changes of a run of wire that runs along the lines, whose gray at (line, column) is told.
+    fn changes(gray: impl Fn(f32, f32) -> f32) -> Changes {
+        const WIDTH: usize = 60;
+        let mut histogram = Histogram::default();
+        (0..400).for_each(|k| histogram.add(cell(12, 12, 4), 10 + k % 12));
+        let appearance = Appearance::learn(&histogram, SIGMA_BINS);
+        let mut grain = Grain::new(0.1, WIDTH, 5);
+        let mut gathering = Gathering::new(&appearance, WIDTH, grain.lag_lines());
+        let (cells, places) = ([cell(12, 12, 4) as u32; 40], [0; 40]);
+        let (wires_at, distances_at, zeros) = ([12.5; 40], [4.5; 40], [0.0; 40]);
+        let run = Run {
+            strand: 0,
+            strand_at: 12.5,
+            from: 10,
+            wires_at: &wires_at,
+            distances_at: &distances_at,
+            cells: &cells,
+            wire_places: &zeros,
+            places: &places,
+            slopes_px: &zeros,
+        };
+        let mut sums = [Sums::default()];
+        for line in 0..40 {
+            let grays: Vec<f32> = (0..WIDTH).map(|column| gray(line as f32, column as f32)).collect();
+            grain.take(line, &grays);
+            let compared = grain.compared(line).map(|pair| (pair, 0.0));
+            gathering.add(&run, &[Line { grays: &grays, lines_on: 0.0, axis_moved_px: 0.0, compared }], &mut sums);
+        }
+        sums[0].changes
+    }
+
+    #[test]
+    fn scratches_lean_one_way_streaks_and_specks_none() {
+        let slant = |c: Changes| c.slanted / (c.along + c.across);
+        let one = changes(|line, column| 16.0 + 3.0 * (0.5 * column + 0.3 * line).sin());
+        let other = changes(|line, column| 16.0 + 3.0 * (0.5 * column - 0.3 * line).sin());
+        assert!(slant(one) > 0.3 && slant(other) < -0.3, "{one:?} {other:?}");
+        let streaks = changes(|_, column| 16.0 + 3.0 * (0.5 * column).sin());
+        assert!(streaks.along < 1e-3 * streaks.across && slant(streaks).abs() < 0.02, "{streaks:?}");
+        // Specks 6 columns and 8 lines apart, the same in all directions.
+        let specks = changes(|line, column| {
+            let from = |at: f32, apart: f32| (at + apart / 2.0).rem_euclid(apart) - apart / 2.0;
+            16.0 - 6.0 * (-(from(line, 8.0).powi(2) + from(column, 6.0).powi(2)) / 2.0).exp()
+        });
+        assert!(specks.along > 0.1 * specks.across && slant(specks).abs() < 0.05, "{specks:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! The grain of the surface, pixel by pixel: how much the gray changes along a wire.
+//! The grain of the surface, pixel by pixel: how much the gray changes along a wire and across it.
 //!
 //! Pits and scratches are some tenths of a millimetre large. Comparing pixels on the wire's own course sees them where blocks of
 //! the unrolled rope are too coarse. A little averaging comes first: noise of the sensor is not grain.
@@ -12,6 +12,8 @@ pub struct Grain {
     lag_lines: usize,
     /// The last lines, averaged over three columns and two lines: line k is at k modulo their number.
     averaged: Vec<Vec<f32>>,
+    /// Their changes from column to column, over two columns.
+    sideways: Vec<Vec<f32>>,
     /// The last line, averaged over three columns.
     last: Vec<f32>,
 }
@@ -20,7 +22,8 @@ impl Grain {
     /// For images of `width_px` columns; the last `lines` that were taken can be asked about.
     pub fn new(pitch_mm: f64, width_px: usize, lines: usize) -> Self {
         let lag_lines = ((ALONG_MM / pitch_mm).round() as usize).max(1);
-        Self { lag_lines, averaged: vec![vec![0.0; width_px]; lag_lines + lines], last: vec![0.0; width_px] }
+        let kept = vec![vec![0.0; width_px]; lag_lines + lines];
+        Self { lag_lines, averaged: kept.clone(), sideways: kept, last: vec![0.0; width_px] }
     }
 
     /// Takes the gray values of the next line in bins; its first and last columns never show rope.
@@ -34,13 +37,21 @@ impl Grain {
             *averaged = (here + if line == 0 { here } else { *last }) / 2.0;
             *last = here;
         }
+        let changes = averaged.iter().zip(averaged.iter().skip(2)).map(|(left, right)| right - left);
+        self.sideways[at].iter_mut().skip(1).zip(changes).for_each(|(to, change)| *to = change);
     }
 
     /// A line that was taken, beside the one that it is compared with; the first lines have none.
     pub fn compared(&self, line: usize) -> Option<Compared<'_>> {
         let before = line.checked_sub(self.lag_lines)?;
         let averaged = |line: usize| &self.averaged[line % self.averaged.len()][..];
-        Some(Compared { line_before: before, now: averaged(line), before: averaged(before) })
+        let sideways = |line: usize| &self.sideways[line % self.sideways.len()][..];
+        Some(Compared {
+            line_before: before,
+            now: averaged(line),
+            before: averaged(before),
+            sideways: [sideways(before), sideways(line)],
+        })
     }
 
     /// How many lines lie between a line and the one that it is compared with.
@@ -58,4 +69,6 @@ pub struct Compared<'a> {
     pub now: &'a [f32],
     /// The earlier one.
     pub before: &'a [f32],
+    /// How the gray of the earlier one and of the line itself changes about every column, over two columns.
+    pub sideways: [&'a [f32]; 2],
 }

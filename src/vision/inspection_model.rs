@@ -1,6 +1,7 @@
 //! The appearance model of one view with all its factors, learnt and calibrated in three passes over intact rope.
 
 use super::appearance::Appearance;
+use super::calibration::{CalibrationSums, FilterCalibration};
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
@@ -8,10 +9,11 @@ use super::factor::FACTORS;
 use super::histogram::Histogram;
 use super::residuals::Residuals;
 use super::rope::Rope;
-use super::scoring::{CalibrationSums, FilterCalibration, score};
+use super::scoring::score;
 use super::stretch::ViewStretch;
 use super::stretch_scores::StretchScores;
 use super::surface_map::SurfaceMap;
+use super::together::Together;
 use super::usual::{Moments, Usual};
 
 /// What one view learnt.
@@ -24,6 +26,8 @@ pub struct ViewAppearance {
     /// Calibration of the filters of the gray value and of every further factor, `[factor][filter]`: `None` for filters that are not
     /// asked, empty for factors that are not.
     pub calibration: Vec<Vec<Option<FilterCalibration>>>,
+    /// How far the factors go together, the gray value first.
+    pub together: Together,
 }
 
 /// One view of an aligned stretch.
@@ -79,7 +83,8 @@ impl<'a> AlignedView<'a> {
 impl ViewAppearance {
     /// Joins what was learnt; it is not calibrated yet.
     pub fn new(gray: Appearance, further: &[Moments]) -> Self {
-        Self { gray, further: further.iter().map(Usual::learn).collect(), calibration: Vec::new() }
+        let further = further.iter().map(Usual::learn).collect();
+        Self { gray, further, calibration: Vec::new(), together: Together::default() }
     }
 
     /// Third pass: calibrates every filter of every factor on stretches of intact rope (`[stretch][factor]`).
@@ -92,12 +97,13 @@ impl ViewAppearance {
             sums.calibrate().unwrap_or_default()
         };
         self.calibration = (0..=self.further.len()).map(of_factor).collect();
+        self.together = Together::learn(stretches, &self.calibration);
         self.calibration.first().is_some_and(|gray| !gray.is_empty())
     }
 
     /// Scores the evidence of a stretch.
     pub fn score(&self, evidence: Vec<Evidence>, pitch_mm: f64) -> StretchScores {
         let factors: Vec<_> = evidence.into_iter().zip(self.calibration.iter().map(|c| &c[..])).collect();
-        score(&factors, pitch_mm)
+        score(&factors, &self.together, pitch_mm)
     }
 }

@@ -4,7 +4,7 @@
 //! centimetres varies much less, so what is no rarer than intact rope in any block may be rare in all of them together. Single
 //! high scores are cut before, or every break would last for centimetres.
 
-use super::scoring::quantile;
+use super::calibration::quantile;
 use super::stretch_scores::StretchScores;
 
 /// Millimetres of rope over which scores are averaged.

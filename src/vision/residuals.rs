@@ -5,7 +5,7 @@ use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
 use super::factor::{Factor, GRAY_LENGTHS_MM};
-use super::gathering::{Gathering, Line, Sums};
+use super::gathering::{Changes, Gathering, Line, Sums};
 use super::grain::Grain;
 use super::histogram::region;
 use super::rope::Rope;
@@ -31,8 +31,8 @@ pub struct Residuals {
     deviation: Vec<f32>,
     /// Mean of that expected value; NaN where no pixel fell.
     expected: Vec<f32>,
-    /// Mean squared change of the pixels along the wire; NaN where none could be compared.
-    along: Vec<f32>,
+    /// Mean changes from pixel to pixel; NaN where none could be compared.
+    changes: Vec<Changes>,
     /// Surface cell that the place shows.
     surface_cell: Vec<u32>,
     /// Whether any place of a strand is in view, `[strand * blocks + block]`.
@@ -46,6 +46,8 @@ const EVERY_LINES: usize = 2;
 const LEAST_SHADED: f32 = 4.0;
 /// Least shading that is expected of a wire, as a sum of squares of gray bins over its places: less is no relief.
 const LEAST_RELIEF: f32 = 8.0;
+/// Squared change of gray bins that the sensor's noise makes: fainter grain has no direction.
+const NOISE: f32 = 0.1;
 
 impl Residuals {
     /// Gathers a stretch: the evidence of the gray values themselves, and what deviates from their expectation, in one pass.
@@ -98,7 +100,10 @@ impl Residuals {
                     residuals.surface_cell[at] = sums.cell;
                     residuals.deviation[at] = sums.deviation / (sums.pixels * of_lines);
                     residuals.expected[at] = sums.expected / sums.pixels;
-                    residuals.along[at] = sums.along / (sums.pixels * compared); // NaN without any
+                    let mean = |sum: f32| sum / (sums.pixels * compared); // NaN without any
+                    let Changes { along, across, slanted } = sums.changes;
+                    residuals.changes[at] =
+                        Changes { along: mean(along), across: mean(across), slanted: mean(slanted) };
                 }
             });
         }
@@ -114,7 +119,7 @@ impl Residuals {
             places,
             deviation: vec![f32::NAN; len],
             expected: vec![f32::NAN; len],
-            along: vec![f32::NAN; len],
+            changes: vec![Changes { along: f32::NAN, across: f32::NAN, slanted: f32::NAN }; len],
             surface_cell: vec![UNSEEN; len],
             in_view: vec![false; blocks * strands],
         }
@@ -139,8 +144,13 @@ impl Residuals {
         for (at, _) in self.in_view.iter().enumerate().filter(|(_, in_view)| **in_view) {
             let places = at * self.places..(at + 1) * self.places;
             let deviation = &self.deviation[places.clone()];
+            let mut of_changes = |value: fn(&Changes) -> f32| {
+                values.iter_mut().zip(&self.changes[places.clone()]).for_each(|(to, changes)| *to = value(changes));
+            };
             match factor {
-                Factor::Texture => values.copy_from_slice(&self.along[places.clone()]),
+                Factor::Texture => of_changes(|c| c.along),
+                Factor::Evenness => of_changes(|c| (c.along + NOISE) / (c.across + NOISE)),
+                Factor::Slant => of_changes(|c| c.slanted / (c.along + c.across + 3.0 * NOISE)),
                 Factor::Relief => relief(&self.expected[places.clone()], deviation, &mut values),
                 Factor::Across => across(deviation, &mut values),
                 Factor::Step => {

@@ -81,11 +81,10 @@ impl Usual {
         [&self.mean, &self.spread]
     }
 
-    /// How many standard deviations a value is above what is usual of a cell; NaN where that is not known.
+    /// How many standard deviations a value is above what is usual of a cell, at most so many; NaN where that is not known.
     #[inline]
     pub fn above(&self, cell: usize, value: f32) -> f32 {
-        let above = (value - self.mean[cell]) / self.spread[cell];
-        if above > CUT { CUT } else { above } // not `min`, which would make CUT of NaN
+        ((value - self.mean[cell]) / self.spread[cell]).clamp(-CUT, CUT)
     }
 }
 
@@ -114,7 +113,7 @@ mod tests {
         let spread = (9.0 + LEAST_VARIANCE).sqrt();
         assert!(usual.above(at, 13.0).abs() < 1e-3);
         assert!((usual.above(at, 19.0) - 6.0 / spread).abs() < 1e-3);
-        assert_eq!(usual.above(at, 1e4), CUT);
+        assert_eq!((usual.above(at, 1e4), usual.above(at, -1e4)), (CUT, -CUT));
         assert!(usual.above(cell(30, 22, 0), 13.0).is_nan());
     }
 

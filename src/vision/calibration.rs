@@ -1,0 +1,180 @@
+//! How sums under the filters lie on intact rope, filter by filter: what scores are read off. [extends Wacker13, sec. 5]
+//!
+//! Sums over many pixels vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2).
+
+use super::evidence::{Evidence, FILTERS};
+use super::filtering::Steps;
+use super::histogram::REGIONS;
+
+/// Fewest pixels under a filter, as a share of the most that fall under it: less is not judged.
+pub(super) const LEAST_SHARE: f32 = 0.25;
+
+/// Calibration of one filter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FilterCalibration {
+    /// Share of the variance that pixels have in common.
+    pub shared: f64,
+    /// Most pixels that fall under the filter (95th percentile).
+    pub pixels: f64,
+    /// Whether sums far below the middle are as unusual as sums far above.
+    pub both_ways: bool,
+    /// Rise above the middle of its region, in units of it, that 1 in 100 places of intact rope exceeds.
+    pub one_in_100: f64,
+    /// The same for 1 in 1000 places.
+    pub one_in_1000: f64,
+    /// How sums of each region of the surface lie on intact rope.
+    pub regions: Vec<RegionLevel>,
+}
+
+/// Where the normalised sums of one region of the surface lie on intact rope.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RegionLevel {
+    /// Median.
+    pub middle: f32,
+    /// From there to what 1 in 10 exceeds; where both ways count, how far 1 in 10 is away from it.
+    pub upward: f32,
+}
+
+/// Sum of scores over so many pixels, divided by its standard deviation.
+#[inline]
+pub(super) fn normalised(sum: f32, pixels: f32, shared: f32) -> f32 {
+    sum / (pixels + shared * pixels * pixels).sqrt()
+}
+
+impl FilterCalibration {
+    /// How far a sum over so many pixels is above the middle of its region, or away from it, in units of that region.
+    fn rise(&self, sample: &Sample) -> f32 {
+        let level = self.regions[usize::from(sample.region)];
+        let above = (normalised(sample.sum, sample.pixels, self.shared as f32) - level.middle) / level.upward;
+        if self.both_ways { above.abs() } else { above }
+    }
+}
+
+/// Gathers filtered sums of held-back intact rope, of one factor.
+#[derive(Debug, Clone)]
+pub struct CalibrationSums {
+    /// `[filter]`.
+    samples: Vec<Vec<Sample>>,
+    /// Which places those under [`COMPARED`] are of, in rising order.
+    compared: Vec<u32>,
+    both_ways: bool,
+}
+
+/// What fell under a filter about one place.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    sum: f32,
+    pixels: f32,
+    region: u8,
+}
+
+/// Fewest samples that calibrate a filter: two at the rarest level that is read off.
+const LEAST_SAMPLES: usize = 2000;
+/// Filter whose sums of one factor are compared with those of the others: all factors are asked under it.
+pub(super) const COMPARED: usize = 2;
+/// Every how many places one is kept: neighbours tell nearly the same, and memory must stay small.
+const SAMPLE_STRIDE: usize = 7;
+/// Samples of the whole surface that a region's own are mixed with: few of its own would mislead.
+const COMMON_SAMPLES: f32 = 100.0;
+
+impl Default for CalibrationSums {
+    fn default() -> Self {
+        Self { samples: vec![Vec::new(); FILTERS.len()], compared: Vec::new(), both_ways: false }
+    }
+}
+
+impl CalibrationSums {
+    /// What a stretch of intact rope says.
+    pub fn of(evidence: &Evidence, pitch_mm: f64) -> Self {
+        let mut sums = Self { both_ways: evidence.both_ways, ..Self::default() };
+        evidence.filtered(pitch_mm, Steps::Every, |filtered| {
+            let first = evidence.of(filtered.block, filtered.strand).start;
+            for (k, sum, pixels, region) in filtered.seen() {
+                if (first + k).is_multiple_of(SAMPLE_STRIDE) && pixels > 0.0 {
+                    sums.samples[filtered.filter].push(Sample { sum, pixels, region: region as u8 });
+                    if filtered.filter == COMPARED {
+                        sums.compared.push((first + k) as u32);
+                    }
+                }
+            }
+        });
+        sums
+    }
+
+    /// Adds what another stretch gathered; which places it was no longer counts.
+    pub fn join(&mut self, other: &Self) {
+        self.both_ways = other.both_ways;
+        self.samples.iter_mut().zip(&other.samples).for_each(|(all, samples)| all.extend_from_slice(samples));
+    }
+
+    /// Calibrates every filter that was asked and has enough samples. `None` if there is none.
+    pub fn calibrate(mut self) -> Option<Vec<Option<FilterCalibration>>> {
+        let both_ways = self.both_ways;
+        let enough =
+            |samples: &mut Vec<Sample>| (samples.len() >= LEAST_SAMPLES).then(|| calibrate(samples, both_ways));
+        let calibrations: Vec<_> = self.samples.iter_mut().map(enough).collect();
+        calibrations.iter().any(Option::is_some).then_some(calibrations)
+    }
+
+    /// Places under [`COMPARED`] that are judged, in rising order, each with its rise on intact rope.
+    pub(super) fn rises(&self, calibration: &FilterCalibration) -> impl Iterator<Item = (u32, f32)> {
+        let least = LEAST_SHARE * calibration.pixels as f32;
+        let places = self.compared.iter().zip(&self.samples[COMPARED]);
+        places.filter(move |(_, s)| s.pixels >= least).map(|(&place, s)| (place, calibration.rise(s)))
+    }
+}
+
+/// The value that this share of the values does not exceed. Changes their order; there must be one.
+pub(super) fn quantile(values: &mut [f32], share: f64) -> f32 {
+    let at = ((values.len() - 1) as f64 * share) as usize;
+    *values.select_nth_unstable_by(at, f32::total_cmp).1
+}
+
+fn calibrate(samples: &mut Vec<Sample>, both_ways: bool) -> FilterCalibration {
+    let pixels = quantile(&mut samples.iter().map(|s| s.pixels).collect::<Vec<_>>(), 0.95);
+    samples.retain(|s| s.pixels >= LEAST_SHARE * pixels);
+    // Variance of the sums = n + shared n^2, by the quartiles, which defects do not reach.
+    let mut means: Vec<f32> = samples.iter().map(|s| s.sum / s.pixels).collect();
+    let spread = (quantile(&mut means, 0.75) - quantile(&mut means, 0.25)) / 1.349;
+    let typical = quantile(&mut samples.iter().map(|s| s.pixels).collect::<Vec<_>>(), 0.5);
+    let shared = (spread * spread - 1.0 / typical).max(0.0);
+    let regions = region_levels(samples, both_ways, |s| normalised(s.sum, s.pixels, shared));
+    let mut calibration = FilterCalibration {
+        shared: shared.into(),
+        pixels: pixels.into(),
+        both_ways,
+        one_in_100: f64::NAN,
+        one_in_1000: f64::NAN,
+        regions,
+    };
+    let mut rises: Vec<f32> = samples.iter().map(|s| calibration.rise(s)).collect();
+    calibration.one_in_100 = quantile(&mut rises, 0.99).into();
+    calibration.one_in_1000 = quantile(&mut rises, 0.999).into();
+    calibration
+}
+
+/// Region normalisation (eq. 21-22) of what filters find: where the rope is seen obliquely or registered poorly, intact rope
+/// varies more, and by more than single pixels tell, because their errors go together.
+fn region_levels(samples: &[Sample], both_ways: bool, z: impl Fn(&Sample) -> f32) -> Vec<RegionLevel> {
+    let level = |z: &mut [f32]| {
+        let middle = quantile(z, 0.5);
+        if both_ways {
+            let mut away: Vec<f32> = z.iter().map(|z| (z - middle).abs()).collect();
+            return RegionLevel { middle, upward: quantile(&mut away, 0.9).max(0.05) };
+        }
+        RegionLevel { middle, upward: (quantile(z, 0.9) - middle).max(0.05) }
+    };
+    let mut of_region: Vec<Vec<f32>> = vec![Vec::new(); REGIONS];
+    samples.iter().for_each(|s| of_region[usize::from(s.region)].push(z(s)));
+    let common = level(&mut samples.iter().map(&z).collect::<Vec<_>>());
+    let mixed = |z: &mut Vec<f32>| {
+        if z.is_empty() {
+            return common;
+        }
+        let own = level(z);
+        let share = z.len() as f32 / (z.len() as f32 + COMMON_SAMPLES);
+        let mix = |own: f32, common: f32| common + share * (own - common);
+        RegionLevel { middle: mix(own.middle, common.middle), upward: mix(own.upward, common.upward) }
+    };
+    of_region.iter_mut().map(mixed).collect()
+}
