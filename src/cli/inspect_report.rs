@@ -124,6 +124,23 @@ impl fmt::Display for Report {
                 writeln!(f, "  strand {j}  {mean:.2} mm, sd {sd:.2} mm")?;
             }
         }
+        if let Some(diameter) = &s.diameter {
+            let (smallest, largest) = (diameter.smallest_mm, diameter.largest_mm);
+            write!(
+                f,
+                "diameter    {:.2} mm ({:.2} at {:.2} m to {:.2} at {:.2} m",
+                diameter.mean_mm, smallest.value, smallest.position_m, largest.value, largest.position_m
+            )?;
+            writeln!(f, "{})", if diameter.absolute { "" } else { "; relative to the nominal one" })?;
+            if let Some(oval) = &diameter.ovality_percent {
+                let (value, sd, position_m) = (oval.value, oval.sd, oval.position_m);
+                writeln!(f, "  ovality   up to {value:.2} %, sd {sd:.2} % (at {position_m:.2} m)")?;
+            }
+            if let Some(loose) = &diameter.strand_spread_rad {
+                let (value, sd, position_m) = (loose.value, loose.sd, loose.position_m);
+                writeln!(f, "  looseness up to {value:.4} rad, sd {sd:.4} rad (at {position_m:.2} m)")?;
+            }
+        }
         if let Some(threshold) = &s.threshold {
             writeln!(f, "threshold   line score {:.3}: {}", threshold.line_score, threshold.origin)?;
         }

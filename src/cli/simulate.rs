@@ -52,6 +52,12 @@ pub(crate) struct SimulateArgs {
     /// Rope diameter [default: 32, artificial 20.46]
     #[arg(long, value_name = "MM", help_heading = "Rope")]
     diameter_mm: Option<f64>,
+    /// The diameter is that much larger in the middle of the rope, 0.02 is 2 %, negative for a neck [default: 0]
+    #[arg(long, value_name = "RATIO", allow_negative_numbers = true, help_heading = "Rope")]
+    diameter_change: Option<f64>,
+    /// Largest less smallest diameter of a cut, 0.02 is 2 %; the camera at 0 degrees sees the largest [default: 0]
+    #[arg(long, value_name = "RATIO", help_heading = "Rope")]
+    ovality: Option<f64>,
     /// Nominal strand lay, negative for left-hand [default: 220, artificial 137.5; other constructions 6.9 diameters]
     #[arg(long, value_name = "MM", allow_negative_numbers = true, help_heading = "Rope")]
     strand_lay_mm: Option<f64>,
@@ -102,6 +108,9 @@ pub(crate) struct SimulateArgs {
     /// Rope metre of the first line [default: 0]
     #[arg(long, value_name = "M", allow_negative_numbers = true, help_heading = "Cameras")]
     start_m: Option<f64>,
+    /// rope.json states the scale of the cameras, px_per_mm, so that diameters can be absolute
+    #[arg(long, help_heading = "Cameras")]
+    calibrated: bool,
     /// Noise of gray values: sd in gray levels [default: 2 in the dark, artificial 10]
     #[arg(long, visible_alias = "noise", value_name = "LEVELS", help_heading = "Cameras")]
     gray_noise: Option<f64>,
@@ -187,6 +196,8 @@ impl SimulateArgs {
         macro_rules! take {
             ($($option:ident),*) => { $(if let Some(value) = self.$option { recipe.$option = value; })* };
         }
+        recipe.calibrated = self.calibrated;
+        take!(diameter_change, ovality);
         take!(metres, strand_lay_mm, wire_lay_mm, strand_lay_drift_mm, wire_lay_drift_mm, drift_wave_m);
         take!(strand_jitter_rad, line_pitch_mm, frame_lines, sensor_px, rope_width_px, camera_distance_mm, start_m);
         take!(gray_noise, contour_noise_px, bad_columns, oscillation_px, encoder_jitter_mm, dirt, oil_spots_per_m);

@@ -7,12 +7,14 @@ pub mod costs; // what a threshold finds, and what it costs
 pub mod curves; // ROC curves, view by view and averaged
 pub mod defects; // what was decided: found, false, metres to inspect again
 pub mod displacement;
+pub mod intervals; // whether standard deviations keep their word
 pub mod kinds; // what defects were taken for
 pub mod labels; // which lines of which view show a defect
 pub mod lay_lengths;
 pub mod recall; // every single defect
 pub mod report; // everything together, as JSON and for people
 pub mod roc; // line scores against labels
+pub mod shape; // true diameter, ovality and looseness
 pub mod table; // CSV, row by row
 pub mod truth; // what the recording says of itself
 

@@ -2,6 +2,7 @@
 
 use super::defects::{self, Decisions};
 use super::displacement::{self, DisplacementErrors};
+use super::intervals::{self, Interval};
 use super::labels::{classify, read_sightings};
 use super::lay_lengths::{self, ErrorStatistics, LayLengthErrors, StretchErrors};
 use super::roc::{self, Roc};
@@ -27,6 +28,9 @@ pub struct Detection {
 pub struct Evaluation {
     /// From `lay_lengths.csv`.
     pub lay_lengths: LayLengthErrors,
+    /// How standard deviations keep their word; empty where none are stated.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub intervals: Vec<Interval>,
     /// From `displacement.csv`.
     pub displacement: DisplacementErrors,
     /// From `line_scores.csv` and `defects.json`.
@@ -42,6 +46,10 @@ pub fn evaluate(recording: &Path, results: &Path, skip_lines: usize) -> Result<E
     let rope = RecordingFile::read(recording)?;
     let truth = Truth::read(recording, rope.strands)?;
     let lay_lengths = lay_lengths::score(truth.as_ref(), rope.strands, rope.line_pitch_mm, results)?;
+    let intervals = match &truth {
+        Some(truth) => intervals::score(truth, &rope, recording, results)?,
+        None => Vec::new(),
+    };
     let displacement = displacement::score(truth.as_ref(), results)?;
     let lines = rope.lines.or_else(|| truth.as_ref().map(|t| t.phase_rad.len()));
     drop(truth);
@@ -57,7 +65,7 @@ pub fn evaluate(recording: &Path, results: &Path, skip_lines: usize) -> Result<E
         }
         detection.decisions = defects::score(results, &sightings, lines, rope.line_pitch_mm, skip_lines)?;
     }
-    Ok(Evaluation { lay_lengths, displacement, detection })
+    Ok(Evaluation { lay_lengths, intervals, displacement, detection })
 }
 
 fn row(f: &mut fmt::Formatter<'_>, name: &str, errors: Option<&ErrorStatistics>, unit: &str) -> fmt::Result {
@@ -99,6 +107,7 @@ impl fmt::Display for Evaluation {
             stretch(f, "fused", self.lay_lengths.fused.as_ref())?;
             stretch(f, "views", self.lay_lengths.per_view.as_ref())?;
         }
+        write_intervals(f, &self.intervals)?;
         if !self.displacement.missing {
             writeln!(f, "\nDisplacement, rms")?;
             for (name, rms_px) in &self.displacement.rms_px {
@@ -116,6 +125,21 @@ impl fmt::Display for Evaluation {
         }
         Ok(())
     }
+}
+
+fn write_intervals(f: &mut fmt::Formatter<'_>, intervals: &[Interval]) -> fmt::Result {
+    if intervals.is_empty() {
+        return Ok(());
+    }
+    let (one, two) = ("within 68 %", "within 95 %");
+    writeln!(f, "\n{:<26}{:>9}{:>9}     {one:>14}{two:>14}{:>7}", "Stated deviations", "|error|", "sd", "n")?;
+    for i in intervals {
+        let digits = if i.unit == "rad" { 5 } else { 3 };
+        let [error, sd] = [i.mean_abs, i.median_sd].map(|x| format!("{x:.digits$}"));
+        let [one, two] = [i.within_68, i.within_95].map(|share| format!("{:.0} %", 100.0 * share));
+        writeln!(f, "  {:<24}{error:>9}{sd:>9} {:<4}{one:>14}{two:>14}{:>7}", i.quantity, i.unit, i.n)?;
+    }
+    Ok(())
 }
 
 fn lines(f: &mut fmt::Formatter<'_>, roc: &Roc) -> fmt::Result {

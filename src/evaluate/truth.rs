@@ -10,6 +10,9 @@ use std::path::Path;
 pub struct RecordingFile {
     /// Number of strands.
     pub strands: usize,
+    /// Outer wires of a strand.
+    #[serde(default)]
+    pub wires_per_strand: Option<usize>,
     /// Rope per line in mm.
     pub line_pitch_mm: f64,
     /// Lines of a view; absent in recordings without truth.
@@ -22,6 +25,16 @@ impl RecordingFile {
     /// Reads `DIR/rope.json`.
     pub fn read(folder: &Path) -> Result<Self, EvaluateError> {
         read_json(&folder.join("rope.json"))
+    }
+
+    /// Angles of the views in degrees.
+    pub fn angles_deg(&self) -> Vec<f64> {
+        self.views.iter().map(|view| view["angle_deg"].as_f64().unwrap_or(0.0)).collect()
+    }
+
+    /// Whether the views state their scale, so that diameters are absolute.
+    pub fn is_calibrated(&self) -> bool {
+        self.views.iter().all(|view| view["px_per_mm"].is_number())
     }
 }
 

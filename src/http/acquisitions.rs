@@ -34,6 +34,9 @@ pub struct View {
     view: u32,
     /// The camera stands where strands of this phase are nearest, in degrees.
     angle_deg: f64,
+    /// Calibrated scale in px/mm at the distance of the rope axis; null: diameters are relative to the nominal one.
+    #[schema(required)]
+    px_per_mm: Option<f64>,
     /// How many frames were announced; null until somebody says.
     #[schema(required)]
     frames: Option<u32>,
@@ -98,6 +101,10 @@ pub struct NewView {
     /// The camera stands where strands of this phase are nearest, in degrees.
     #[schema(minimum = -360, maximum = 360)]
     angle_deg: f64,
+    /// Calibrated scale in px/mm at the distance of the rope axis, for absolute diameters: for all views or for none. The rope must be
+    /// at least 16 px wide by it, and at most as wide as the sensor.
+    #[schema(exclusive_minimum = 0)]
+    px_per_mm: Option<f64>,
     /// How many frames will come; may be said at completion instead.
     #[schema(minimum = 1, maximum = 1000000)]
     frames: Option<u32>,
@@ -159,6 +166,7 @@ impl From<acquisitions::Acquisition> for Acquisition {
                 .map(|v| View {
                     view: v.view,
                     angle_deg: v.angle_deg,
+                    px_per_mm: v.px_per_mm,
                     frames: v.frames_expected,
                     frames_present: v.frames_present,
                 })
@@ -188,8 +196,8 @@ pub fn check(rope: &ropes::Rope, new: &acquisitions::NewAcquisition) -> Result<(
         }
         Err(error) => return Err(Problem::out_of_range(error.to_string())),
     }
-    for (_, frames) in &new.views {
-        check_frames(*frames)?;
+    for view in &new.views {
+        check_frames(view.frames)?;
     }
     Ok(())
 }
@@ -219,7 +227,11 @@ async fn create(app: &App, id: Option<Uuid>, body: NewAcquisition) -> Result<Res
         rope_width_px: body.rope_width_px,
         start_m: body.start_m.unwrap_or(0.0),
         acquired_at_ms,
-        views: body.views.iter().map(|v| (v.angle_deg, v.frames)).collect(),
+        views: body
+            .views
+            .iter()
+            .map(|v| acquisitions::NewView { angle_deg: v.angle_deg, px_per_mm: v.px_per_mm, frames: v.frames })
+            .collect(),
     };
     check(&rope, &new)?;
     let outcome = app.store.create_acquisition(&new, app.now_ms()).await?;

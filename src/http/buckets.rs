@@ -1,4 +1,4 @@
-//! Lay lengths in buckets of rope: least, mean and greatest, or null with a reason.
+//! Lay lengths and diameters in buckets of rope: least, mean and greatest, or null with a reason.
 
 use super::tables::cell;
 use crate::store::lay_lengths::Stretch;
@@ -33,6 +33,9 @@ pub struct Bucket {
     pub strand_lay_mm: Option<Range>,
     /// Wire lay in mm of each strand; null if no stretch has one.
     pub wire_lay_mm: Vec<Option<Range>>,
+    /// Rope diameter in mm; null if no stretch has one.
+    #[schema(required)]
+    pub diameter_mm: Option<Range>,
     /// Why something is null; null if nothing is.
     #[schema(required)]
     pub reason: Option<String>,
@@ -64,7 +67,7 @@ pub fn buckets(stretches: &[Stretch], from_m: f64, to_m: f64, n: u32, strands: u
     let n = n as usize;
     let length_m = (to_m - from_m) / n as f64;
     let edge = |i: usize| if i == n { to_m } else { from_m + i as f64 * length_m };
-    let mut sums = vec![(0_usize, Sum::default(), vec![Sum::default(); strands], None::<&str>); n];
+    let mut sums = vec![(0_usize, [Sum::default(), Sum::default()], vec![Sum::default(); strands], None::<&str>); n];
     for stretch in stretches {
         if stretch.to_m < from_m || stretch.from_m > to_m {
             continue;
@@ -72,9 +75,10 @@ pub fn buckets(stretches: &[Stretch], from_m: f64, to_m: f64, n: u32, strands: u
         // The casts saturate at 0; an end exactly on an edge does not touch the bucket after it.
         let first = (((stretch.from_m - from_m) / length_m) as usize).min(n - 1);
         let last = ((((stretch.to_m - from_m) / length_m).ceil() - 1.0) as usize).clamp(first, n - 1);
-        for (count, strand, wires, reason) in &mut sums[first..=last] {
+        for (count, [strand, diameter], wires, reason) in &mut sums[first..=last] {
             *count += 1;
             strand.add(stretch.row.strand_lay_mm);
+            diameter.add(stretch.row.diameter_mm);
             for (sum, wire) in wires.iter_mut().zip(&stretch.row.wires) {
                 sum.add(wire.lay_mm);
             }
@@ -85,17 +89,17 @@ pub fn buckets(stretches: &[Stretch], from_m: f64, to_m: f64, n: u32, strands: u
     }
     sums.into_iter()
         .enumerate()
-        .map(|(i, (count, strand, wires, reason))| {
-            let strand_lay_mm = strand.range();
+        .map(|(i, (count, [strand, diameter], wires, reason))| {
+            let (strand_lay_mm, diameter_mm) = (strand.range(), diameter.range());
             let wire_lay_mm: Vec<_> = wires.iter().map(Sum::range).collect();
-            let whole = strand_lay_mm.is_some() && wire_lay_mm.iter().all(Option::is_some);
+            let whole = strand_lay_mm.is_some() && diameter_mm.is_some() && wire_lay_mm.iter().all(Option::is_some);
             let reason = match (whole, count, reason) {
                 (true, ..) => None,
                 (false, 0, _) => Some("this part of the rope was not inspected".to_owned()),
                 (false, _, Some(reason)) => Some(reason.to_owned()),
                 (false, _, None) => Some("no estimate could be made".to_owned()),
             };
-            Bucket { from_m: edge(i), to_m: edge(i + 1), count, strand_lay_mm, wire_lay_mm, reason }
+            Bucket { from_m: edge(i), to_m: edge(i + 1), count, strand_lay_mm, wire_lay_mm, diameter_mm, reason }
         })
         .collect()
 }
@@ -104,6 +108,7 @@ pub fn buckets(stretches: &[Stretch], from_m: f64, to_m: f64, n: u32, strands: u
 pub fn columns(strands: usize) -> Vec<String> {
     let mut names: Vec<String> = ["from_m", "to_m", "count"].map(str::to_owned).into();
     let kinds = std::iter::once("strand_lay".to_owned()).chain((0..strands).map(|j| format!("wire_lay_{j}")));
+    let kinds = kinds.chain(["diameter".to_owned()]);
     names.extend(kinds.flat_map(|kind| ["min", "mean", "max"].map(|what| format!("{kind}_{what}_mm"))));
     names.push("reason".to_owned());
     names
@@ -112,7 +117,7 @@ pub fn columns(strands: usize) -> Vec<String> {
 /// The cells of a bucket, in the order of [`columns`].
 pub fn cells(bucket: &Bucket) -> Vec<String> {
     let mut cells = vec![bucket.from_m.to_string(), bucket.to_m.to_string(), bucket.count.to_string()];
-    for range in std::iter::once(&bucket.strand_lay_mm).chain(&bucket.wire_lay_mm) {
+    for range in std::iter::once(&bucket.strand_lay_mm).chain(&bucket.wire_lay_mm).chain([&bucket.diameter_mm]) {
         cells.extend([range.map(|r| r.min), range.map(|r| r.mean), range.map(|r| r.max)].map(cell));
     }
     cells.push(cell(bucket.reason.as_ref()));
@@ -126,17 +131,12 @@ mod tests {
 
     fn stretch(from_m: f64, to_m: f64, lay: Option<f64>) -> Stretch {
         let row = LayLengthRow {
-            view: None,
-            first_line: 0,
-            last_line: 0,
             position_m: (from_m + to_m) / 2.0,
             strand_lay_mm: lay,
-            strand_lay_sd_mm: None,
-            strand_phase_rad: None,
-            strand_score: None,
-            diameter_mm: None,
+            diameter_mm: lay.map(|l| l / 7.0),
             wires: vec![WireEstimate { lay_mm: lay.map(|l| -l), ..WireEstimate::default() }],
             reason: lay.is_none().then(|| "too dark".to_owned()),
+            ..LayLengthRow::default()
         };
         Stretch { from_m, to_m, row }
     }
@@ -147,6 +147,8 @@ mod tests {
         let found = buckets(&stretches, 0.0, 6.0, 3, 1);
         assert_eq!(found[0].strand_lay_mm, Some(Range { min: 100.0, mean: 102.0, max: 104.0 }));
         assert_eq!(found[0].wire_lay_mm[0].unwrap().min, -104.0);
+        assert_eq!(found[0].diameter_mm.unwrap().max, 104.0 / 7.0);
+        assert_eq!(columns(1).len(), cells(&found[0]).len());
         assert_eq!((found[0].count, found[0].reason.as_deref()), (2, None));
         assert_eq!((found[1].strand_lay_mm, found[1].reason.as_deref()), (None, Some("too dark")));
         assert_eq!(found[2].reason.as_deref(), Some("this part of the rope was not inspected"));

@@ -1,4 +1,4 @@
-//! Lay lengths over positions and dates: how a rope ages.
+//! Lay lengths and diameters over positions and dates: how a rope ages.
 
 use super::buckets::{self, Bucket, buckets};
 use super::extract::{Path, Query};
@@ -35,7 +35,7 @@ pub struct DatedInspection {
     /// When the rope was acquired (uploaded, if nobody said).
     #[schema(format = DateTime)]
     acquired_at: String,
-    /// Fused lay lengths; the same buckets for every inspection of the rope.
+    /// Fused lay lengths and diameters; the same buckets for every inspection of the rope.
     buckets: Vec<Bucket>,
 }
 

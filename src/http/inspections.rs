@@ -1,5 +1,6 @@
 //! Inspections: what a job concluded about one acquisition with one model and one threshold.
 
+use super::diameter_summary::DiameterSummary;
 use super::extract::{Path, Query};
 use super::model_fit::ModelFit;
 use super::pages::{PageQuery, page_of};
@@ -68,6 +69,9 @@ pub struct Summary {
     /// Whether the model still fits this rope; null without a model that knows.
     #[schema(required)]
     fit: Option<ModelFit>,
+    /// Diameter, ovality and looseness along the rope; null where no diameter was measured.
+    #[schema(required)]
+    diameter: Option<DiameterSummary>,
     /// Wall-clock seconds of the run.
     seconds: f64,
     /// Metres of rope (all views) per second.
@@ -133,6 +137,7 @@ impl From<results::Summary> for Summary {
             defects: s.defects,
             look_again: s.look_again,
             fit: s.fit.map(ModelFit::from),
+            diameter: s.diameter.map(DiameterSummary::from),
             seconds: s.seconds,
             metres_per_second: s.metres_per_second,
             notes: s.notes,

@@ -5,9 +5,11 @@ use super::buckets::{self, Bucket, MAX_BUCKETS, buckets};
 use super::extract::{Path, Query};
 use super::inspections;
 use super::problem::ReadProblems;
-use super::tables::{CsvTable, Format, cell, wants_csv};
+use super::tables::{CsvTable, Format, wants_csv};
 use crate::app::App;
-use crate::pipeline::results::{LayLengthRow, WireEstimate};
+use crate::pipeline::lay_length_table;
+use crate::pipeline::quality::Quality;
+use crate::pipeline::results::WireEstimate;
 use crate::store::Id;
 use crate::store::lay_lengths::Stretch;
 use axum::extract::State;
@@ -29,9 +31,34 @@ pub struct WireLay {
     /// Phase of wire 0 at the middle line in rad.
     #[schema(required)]
     phase_rad: Option<f64>,
+    /// Its standard deviation in rad; null in results from before it was measured.
+    #[schema(required)]
+    phase_sd_rad: Option<f64>,
     /// Agreement of image and model, 1 is perfect.
     #[schema(required)]
     score: Option<f64>,
+    /// Of the lay length; null without one.
+    #[schema(required)]
+    quality: Option<EstimateQuality>,
+}
+
+/// How far an estimate can be relied on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EstimateQuality {
+    /// A change of 1 % would show at four standard deviations.
+    Good,
+    /// It would not.
+    Uncertain,
+}
+
+impl From<Quality> for EstimateQuality {
+    fn from(quality: Quality) -> Self {
+        match quality {
+            Quality::Good => Self::Good,
+            Quality::Uncertain => Self::Uncertain,
+        }
+    }
 }
 
 /// Lay lengths of a stretch of rope. What could not be estimated is null, and `reason` says why.
@@ -59,12 +86,37 @@ pub struct LayLength {
     /// Phase of strand 0 at the middle line in rad.
     #[schema(required)]
     strand_phase_rad: Option<f64>,
+    /// Its standard deviation in rad.
+    #[schema(required)]
+    strand_phase_sd_rad: Option<f64>,
     /// Agreement of contours and model, 1 is perfect.
     #[schema(required)]
     strand_score: Option<f64>,
-    /// Rope diameter in mm.
+    /// Of the strand lay length; null without one.
+    #[schema(required)]
+    strand_quality: Option<EstimateQuality>,
+    /// Looseness: root mean square of the strands' deviations from their regular places in rad. Fused estimate only.
+    #[schema(required)]
+    strand_spread_rad: Option<f64>,
+    /// Its standard deviation in rad.
+    #[schema(required)]
+    strand_spread_sd_rad: Option<f64>,
+    /// Rope diameter in mm: of a view the distance of its two contours, of all views the mean over the directions. Relative to the nominal
+    /// one unless the acquisition's views have `px_per_mm`.
     #[schema(required)]
     diameter_mm: Option<f64>,
+    /// Its standard deviation in mm.
+    #[schema(required)]
+    diameter_sd_mm: Option<f64>,
+    /// Of the diameter; null without one.
+    #[schema(required)]
+    diameter_quality: Option<EstimateQuality>,
+    /// Largest less smallest diameter in percent of their mean. Fused estimate only; null where all cameras look in one direction.
+    #[schema(required)]
+    ovality_percent: Option<f64>,
+    /// Its standard deviation in percent of the diameter.
+    #[schema(required)]
+    ovality_sd_percent: Option<f64>,
     /// One entry a strand.
     wires: Vec<WireLay>,
     /// Why estimates are null; null when none is.
@@ -113,8 +165,11 @@ impl From<Stretch> for LayLength {
             lay_mm: w.lay_mm,
             lay_sd_mm: w.lay_sd_mm,
             phase_rad: w.phase_rad,
+            phase_sd_rad: w.phase_sd_rad,
             score: w.score,
+            quality: w.quality().map(Into::into),
         };
+        let (strand_quality, diameter_quality) = (s.row.strand_quality(), s.row.diameter_quality());
         Self {
             view: s.row.view,
             first_line: s.row.first_line,
@@ -125,8 +180,16 @@ impl From<Stretch> for LayLength {
             strand_lay_mm: s.row.strand_lay_mm,
             strand_lay_sd_mm: s.row.strand_lay_sd_mm,
             strand_phase_rad: s.row.strand_phase_rad,
+            strand_phase_sd_rad: s.row.strand_phase_sd_rad,
             strand_score: s.row.strand_score,
+            strand_quality: strand_quality.map(Into::into),
+            strand_spread_rad: s.row.strand_spread_rad,
+            strand_spread_sd_rad: s.row.strand_spread_sd_rad,
             diameter_mm: s.row.diameter_mm,
+            diameter_sd_mm: s.row.diameter_sd_mm,
+            diameter_quality: diameter_quality.map(Into::into),
+            ovality_percent: s.row.ovality_percent,
+            ovality_sd_percent: s.row.ovality_sd_percent,
             wires: s.row.wires.iter().map(wire).collect(),
             reason: s.row.reason,
         }
@@ -213,51 +276,9 @@ fn buckets_csv(buckets: &[Bucket], strands: usize) -> Result<Response, Problem> 
 
 /// The columns of `lay_lengths.csv` in a results folder.
 fn rows_csv(stretches: &[Stretch], strands: usize) -> Result<Response, Problem> {
-    let mut columns: Vec<String> = [
-        "view",
-        "first_line",
-        "last_line",
-        "position_m",
-        "strand_lay_mm",
-        "strand_lay_sd_mm",
-        "strand_phase_rad",
-        "strand_score",
-        "diameter_mm",
-    ]
-    .map(str::to_owned)
-    .into();
-    for j in 0..strands {
-        columns.extend([
-            format!("wire_lay_{j}_mm"),
-            format!("wire_lay_{j}_sd_mm"),
-            format!("wire_phase_{j}_rad"),
-            format!("wire_score_{j}"),
-        ]);
-    }
-    columns.push("reason".to_owned());
-    let mut table = CsvTable::new(&columns)?;
+    let mut table = CsvTable::new(&lay_length_table::columns(strands))?;
     for Stretch { row, .. } in stretches {
-        table.row(&row_cells(row, strands))?;
+        table.row(&lay_length_table::cells(row, strands, |value, _| value.to_string()))?;
     }
     table.finish()
-}
-
-fn row_cells(row: &LayLengthRow, strands: usize) -> Vec<String> {
-    let mut cells = vec![
-        cell(row.view),
-        row.first_line.to_string(),
-        row.last_line.to_string(),
-        row.position_m.to_string(),
-        cell(row.strand_lay_mm),
-        cell(row.strand_lay_sd_mm),
-        cell(row.strand_phase_rad),
-        cell(row.strand_score),
-        cell(row.diameter_mm),
-    ];
-    for j in 0..strands {
-        let wire = row.wires.get(j).copied().unwrap_or_default();
-        cells.extend([wire.lay_mm, wire.lay_sd_mm, wire.phase_rad, wire.score].map(cell));
-    }
-    cells.push(cell(row.reason.as_ref()));
-    cells
 }

@@ -14,6 +14,7 @@ pub mod defect;
 pub mod defect_card;
 pub mod defects;
 pub mod deliveries;
+pub mod diameter_summary;
 pub mod extract;
 pub mod frames;
 mod further_acquisitions;

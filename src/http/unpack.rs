@@ -10,7 +10,7 @@ use super::space::Room;
 use super::{Problem, acquisitions, frames, times, tus};
 use crate::app::App;
 use crate::pipeline::acquisition::RopeFile;
-use crate::store::acquisitions::NewAcquisition;
+use crate::store::acquisitions::{NewAcquisition, NewView};
 use crate::store::archives::Archive;
 use crate::store::completion::Completion;
 use crate::store::digest::hex;
@@ -141,7 +141,16 @@ async fn try_unpack(app: &App, archive: &Archive) -> Result<(), Problem> {
         rope_width_px: file.rope_width_px,
         start_m: file.start_m.unwrap_or(0.0),
         acquired_at_ms,
-        views: file.views.iter().zip(recording.frames()).map(|(view, frames)| (view.angle_deg, Some(frames))).collect(),
+        views: file
+            .views
+            .iter()
+            .zip(recording.frames())
+            .map(|(view, frames)| NewView {
+                angle_deg: view.angle_deg,
+                px_per_mm: view.px_per_mm,
+                frames: Some(frames),
+            })
+            .collect(),
     };
     acquisitions::check(&rope, &new)?;
     if app.store.create_acquisition(&new, app.now_ms()).await? == Created::Different {

@@ -61,6 +61,9 @@ pub struct ViewFile {
     pub folder: String,
     /// The camera stands where strands of this phase are nearest, in degrees.
     pub angle_deg: f64,
+    /// Pixels per mm at the distance of the rope axis, if somebody measured it. All views state it, or none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub px_per_mm: Option<f64>,
 }
 
 /// Why a folder or a `rope.json` is no acquisition.
@@ -97,6 +100,14 @@ pub enum AcquisitionError {
         /// The most.
         max: f64,
     },
+    /// Some views state their scale, others do not.
+    #[error("px_per_mm is given for {of} of {views} views: give it for all of them or for none")]
+    PartlyCalibrated {
+        /// Views with a scale.
+        of: usize,
+        /// All views.
+        views: usize,
+    },
     /// A view folder leaves the acquisition folder.
     #[error("view folder {folder:?} is not a plain folder name")]
     ViewFolder {
@@ -130,6 +141,8 @@ pub struct Acquisition {
     pub rope_width_px: Option<f64>,
     /// Angle of each view in rad, in order of the views.
     pub view_angles_rad: Vec<f64>,
+    /// Calibrated scale of each view in pixels per mm at the distance of the rope axis; empty if nobody measured it.
+    pub px_per_mm: Vec<f64>,
     /// Rope metre of line 0.
     pub start_m: f64,
     /// Lines and columns of the camera that were made one: 1, unless these are previews.
@@ -181,12 +194,23 @@ impl RopeFile {
                 return Err(AcquisitionError::ViewFolder { folder: view.folder.clone() });
             }
         }
+        let px_per_mm: Vec<f64> = self.views.iter().filter_map(|view| view.px_per_mm).collect();
+        for &px_per_mm in &px_per_mm {
+            // The rope must be as wide in the image as `rope_width_px` may be.
+            let mm = rope.diameter_mm();
+            check("px_per_mm", px_per_mm, 16.0 / mm, f64::from(self.sensor_px) / mm)?;
+        }
+        // Diameters of some views by one measure and of others by another could not be compared.
+        if !px_per_mm.is_empty() && px_per_mm.len() < self.views.len() {
+            return Err(AcquisitionError::PartlyCalibrated { of: px_per_mm.len(), views: self.views.len() });
+        }
         Ok(Acquisition {
             rope,
             line_pitch_mm: self.line_pitch_mm,
             sensor_px: self.sensor_px,
             rope_width_px: self.rope_width_px,
             view_angles_rad: self.views.iter().map(|v| v.angle_deg.to_radians()).collect(),
+            px_per_mm,
             start_m: self.start_m.unwrap_or(0.0),
             reduction: 1,
         })
@@ -248,15 +272,21 @@ impl Acquisition {
         self.start_m + line as f64 * self.line_pitch_mm / 1000.0
     }
 
+    /// Whether somebody measured the scale of the cameras, so that diameters are absolute.
+    pub fn is_calibrated(&self) -> bool {
+        !self.px_per_mm.is_empty()
+    }
+
     /// What the aligner must know of it.
     pub fn aligner_spec(&self) -> AlignerSpec {
-        AlignerSpec::new(
+        let spec = AlignerSpec::new(
             self.rope.clone(),
             self.line_pitch_mm,
             self.view_angles_rad.clone(),
             self.sensor_px as usize,
             self.rope_width_px,
-        )
+        );
+        AlignerSpec { calibrated_px_per_mm: self.px_per_mm.clone(), ..spec }
     }
 
     /// The construction in one line, as models and errors name it: `6x9, 32 mm, 4 views`.

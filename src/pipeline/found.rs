@@ -72,7 +72,7 @@ mod tests {
             line_pitch_mm: 0.1,
             rope_width_px: None,
             sensor_px: 480,
-            views: vec![ViewFile { folder: "view0".into(), angle_deg: 0.0 }],
+            views: vec![ViewFile { folder: "view0".into(), angle_deg: 0.0, px_per_mm: None }],
             start_m: None,
             ropeway: None,
             rope: None,

@@ -1,13 +1,15 @@
 //! Aligns, measures and, with a model, finds defects; writes the results folder.
 
 use super::detection::Detection;
+use super::diameters::{DiameterExtremes, DiameterSummary};
 use super::drive::Drive;
 use super::fit::ModelFit;
 use super::found::Found;
+use super::lay_length_table::{LayLengthTable, lay_length_rows};
 use super::maps::MapWriter;
 use super::model_file::Model;
 use super::results::{LineScoreFormat, NotCovered, Summary, Threshold};
-use super::tables::{LayLengthTable, LineValues, lay_length_rows, write_error};
+use super::tables::{LineValues, write_error};
 use super::{Acquisition, FrameSource, PipelineError, Progress};
 use crate::vision::aligner::AlignedStretch;
 use std::path::{Path, PathBuf};
@@ -68,11 +70,13 @@ pub fn inspect(
         _ => None,
     };
     let mut coverage = Coverage::default();
+    let mut extremes = DiameterExtremes::default();
     // Who looks on hears of lay lengths at once: the search settles several stretches together, and scoring them takes a while.
     let tell = |settled: &[AlignedStretch]| {
         let rows: Vec<_> = settled.iter().flat_map(|stretch| lay_length_rows(acquisition, stretch)).collect();
         for row in &rows {
             lay_lengths.write(row)?;
+            extremes.add(row);
         }
         progress.found(Found { lay_lengths: rows, defects: None });
         Ok(())
@@ -115,6 +119,7 @@ pub fn inspect(
         fit = found.fit;
     }
     let seconds = (started.elapsed() - reader.waited()).as_secs_f64();
+    let diameter = extremes.summary(acquisition);
     let summary = Summary {
         ropescope_version: env!("CARGO_PKG_VERSION").into(),
         model: options
@@ -131,7 +136,12 @@ pub fn inspect(
         look_again,
         seconds,
         metres_per_second: total_m / seconds.max(1e-9),
-        notes: fit.iter().filter_map(ModelFit::warning).collect(),
+        notes: fit
+            .iter()
+            .filter_map(ModelFit::warning)
+            .chain(diameter.as_ref().and_then(DiameterSummary::note))
+            .collect(),
+        diameter,
         fit,
     };
     write_json(&results_folder.join("summary.json"), &summary)?;

@@ -32,6 +32,7 @@ pub fn reduced(acquisition: &Acquisition) -> Acquisition {
     Acquisition {
         line_pitch_mm: acquisition.line_pitch_mm * f64::from(REDUCTION),
         sensor_px: columns_of(acquisition.sensor_px),
+        px_per_mm: acquisition.px_per_mm.iter().map(|scale| scale / f64::from(REDUCTION)).collect(),
         rope_width_px: acquisition.rope_width_px.map(|px| px / f64::from(REDUCTION)),
         reduction: acquisition.reduction * REDUCTION,
         ..acquisition.clone()

@@ -1,11 +1,12 @@
 //! The tables of an inspection and the results folder that holds them (design: lay lengths, displacement, line scores, defects, summary).
 
+use super::diameters::DiameterSummary;
 use super::fit::ModelFit;
 use crate::vision::kind::{self, Figures};
 use serde::{Deserialize, Serialize};
 
 /// One stretch of rope as one view saw it, or all views together.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LayLengthRow {
     /// The view; `None` for the estimate fused over all views.
     pub view: Option<usize>,
@@ -21,10 +22,22 @@ pub struct LayLengthRow {
     pub strand_lay_sd_mm: Option<f64>,
     /// Phase of strand 0 at the middle line in rad, rope axes.
     pub strand_phase_rad: Option<f64>,
+    /// Its standard deviation in rad.
+    pub strand_phase_sd_rad: Option<f64>,
     /// Agreement of contours and model, 1 is perfect (eq. 13, mean of both contours).
     pub strand_score: Option<f64>,
-    /// Rope diameter in mm, where contours allow it.
+    /// Looseness: root mean square of the strands' deviations from their regular places in rad. Fused estimate only.
+    pub strand_spread_rad: Option<f64>,
+    /// Its standard deviation in rad.
+    pub strand_spread_sd_rad: Option<f64>,
+    /// Rope diameter in mm: of a view the distance of its two contours, of all views the mean over the directions.
     pub diameter_mm: Option<f64>,
+    /// Its standard deviation in mm.
+    pub diameter_sd_mm: Option<f64>,
+    /// Largest less smallest diameter in percent of their mean. Fused estimate only, and only where cameras look from two directions.
+    pub ovality_percent: Option<f64>,
+    /// Its standard deviation in percent of the diameter.
+    pub ovality_sd_percent: Option<f64>,
     /// One entry a strand.
     pub wires: Vec<WireEstimate>,
     /// Why estimates are absent; `None` when nothing is.
@@ -40,6 +53,9 @@ pub struct WireEstimate {
     pub lay_sd_mm: Option<f64>,
     /// Phase of wire 0 at the middle line in rad.
     pub phase_rad: Option<f64>,
+    /// Its standard deviation in rad.
+    #[serde(default)]
+    pub phase_sd_rad: Option<f64>,
     /// Agreement of image and model, 1 is perfect (eq. 14).
     pub score: Option<f64>,
 }
@@ -221,6 +237,9 @@ pub struct Summary {
     /// Whether the model still fits this rope; `None` without a model that knows.
     #[serde(default)]
     pub fit: Option<ModelFit>,
+    /// Diameter, ovality and looseness along the rope; `None` where no diameter was measured.
+    #[serde(default)]
+    pub diameter: Option<DiameterSummary>,
     /// Wall-clock seconds of the run, without those in which it waited for frames.
     pub seconds: f64,
     /// Metres of rope (all views) per second.

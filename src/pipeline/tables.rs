@@ -1,9 +1,6 @@
-//! Writes the tables of the results folder while the rope goes by.
+//! Values of single lines, written to tables of the results folder when the rope has gone by.
 
-use super::results::{LayLengthRow, WireEstimate};
-use super::{Acquisition, PipelineError};
-use crate::vision::aligner::AlignedStretch;
-use crate::vision::estimates::{LayEstimate, StretchEstimate};
+use super::PipelineError;
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
@@ -11,121 +8,6 @@ use std::path::{Path, PathBuf};
 /// A `Write` error with its file.
 pub fn write_error(path: &Path) -> impl FnOnce(std::io::Error) -> PipelineError + use<'_> {
     move |source| PipelineError::Write { path: path.into(), source }
-}
-
-/// Rows of a stretch: the fused one first, then one a view.
-pub fn lay_length_rows(acquisition: &Acquisition, stretch: &AlignedStretch) -> Vec<LayLengthRow> {
-    let views = acquisition.view_angles_rad.len();
-    let middle = stretch.first_line as f64 + (stretch.lines as f64 - 1.0) / 2.0;
-    let row = |view, estimate: Option<&StretchEstimate>, diameter_mm, reason: Option<String>| {
-        let strand = estimate.and_then(|e| e.strand);
-        let wires = (0..acquisition.rope.strands())
-            .map(|j| {
-                let wire = estimate.and_then(|e| e.wires.get(j).copied().flatten());
-                WireEstimate {
-                    lay_mm: wire.map(|w| w.lay_mm),
-                    lay_sd_mm: wire.map(|w| w.lay_sd_mm),
-                    phase_rad: wire.map(|w| w.phase_rad),
-                    score: wire.map(|w| w.score),
-                }
-            })
-            .collect::<Vec<_>>();
-        let missing_wires = wires.iter().filter(|w| w.lay_mm.is_none()).count();
-        let reason = reason.or_else(|| match (strand, missing_wires) {
-            (None, _) => Some("the strands were not seen well enough here".to_owned()),
-            (Some(_), 0) => None,
-            (Some(_), n) => Some(format!("the wires of {n} strands were not seen well enough here")),
-        });
-        LayLengthRow {
-            view,
-            first_line: stretch.first_line,
-            last_line: stretch.first_line + stretch.lines - 1,
-            position_m: acquisition.start_m + middle * acquisition.line_pitch_mm / 1000.0,
-            strand_lay_mm: strand.map(|s: LayEstimate| s.lay_mm),
-            strand_lay_sd_mm: strand.map(|s| s.lay_sd_mm),
-            strand_phase_rad: strand.map(|s| s.phase_rad),
-            strand_score: strand.map(|s| s.score),
-            diameter_mm,
-            wires,
-            reason,
-        }
-    };
-    match &stretch.estimates {
-        Ok(estimates) => std::iter::once(row(None, Some(&estimates.fused), estimates.diameter_mm, None))
-            .chain(estimates.views.iter().enumerate().map(|(v, e)| row(Some(v), Some(e), None, None)))
-            .collect(),
-        Err(reason) => std::iter::once(None)
-            .chain((0..views).map(Some))
-            .map(|view| row(view, None, None, Some(reason.to_string())))
-            .collect(),
-    }
-}
-
-/// `lay_lengths.csv`.
-pub struct LayLengthTable {
-    path: PathBuf,
-    writer: csv::Writer<File>,
-}
-
-impl LayLengthTable {
-    /// Creates the file with its header.
-    pub fn create(path: PathBuf, strands: usize) -> Result<Self, PipelineError> {
-        let file = File::create(&path).map_err(write_error(&path))?;
-        let mut writer = csv::Writer::from_writer(file);
-        let fixed = [
-            "view",
-            "first_line",
-            "last_line",
-            "position_m",
-            "strand_lay_mm",
-            "strand_lay_sd_mm",
-            "strand_phase_rad",
-            "strand_score",
-        ];
-        let wires = (0..strands).flat_map(|j| {
-            [
-                format!("wire_lay_{j}_mm"),
-                format!("wire_lay_{j}_sd_mm"),
-                format!("wire_phase_{j}_rad"),
-                format!("wire_score_{j}"),
-            ]
-        });
-        let header: Vec<String> =
-            fixed.into_iter().map(str::to_owned).chain(wires).chain(["diameter_mm".into(), "reason".into()]).collect();
-        writer.write_record(header).map_err(|e| write_error(&path)(e.into()))?;
-        Ok(Self { path, writer })
-    }
-
-    /// Writes a row.
-    pub fn write(&mut self, row: &LayLengthRow) -> Result<(), PipelineError> {
-        let number = |value: Option<f64>, digits: usize| value.map_or(String::new(), |v| format!("{v:.digits$}"));
-        let mut record = vec![
-            row.view.map_or(String::new(), |v| v.to_string()),
-            row.first_line.to_string(),
-            row.last_line.to_string(),
-            format!("{:.5}", row.position_m),
-            number(row.strand_lay_mm, 4),
-            number(row.strand_lay_sd_mm, 4),
-            number(row.strand_phase_rad, 5),
-            number(row.strand_score, 4),
-        ];
-        for wire in &row.wires {
-            record.extend([
-                number(wire.lay_mm, 4),
-                number(wire.lay_sd_mm, 4),
-                number(wire.phase_rad, 5),
-                number(wire.score, 4),
-            ]);
-        }
-        record.push(number(row.diameter_mm, 3));
-        record.push(row.reason.clone().unwrap_or_default());
-        self.writer.write_record(record).map_err(|e| write_error(&self.path)(e.into()))
-    }
-
-    /// Flushes; every row is in the file afterwards.
-    pub fn finish(mut self) -> Result<(), PipelineError> {
-        self.writer.flush().map_err(write_error(&self.path))
-    }
 }
 
 /// Appends a whole number with at least so many digits.

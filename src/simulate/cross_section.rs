@@ -61,12 +61,14 @@ impl CrossSection {
         self.axis = axis;
         self.strands.clear();
         self.wires.clear();
-        let (r_s, r_w) = (rope.strand_curve_radius_mm(), rope.wire_curve_radius_mm());
+        let (r_s, r_w) = (scene.strand_curve_radius_mm(x), rope.wire_curve_radius_mm());
         let strand_rate = scene.strand.rad_per_mm(x);
         let (step_sin, step_cos) = rope.wire_step_rad().sin_cos();
         for j in 0..rope.strands() {
             let phase = scene.strand_phase_rad(j, x) - angle;
             let (y, z) = on_circle(r_s, phase);
+            let oval = scene.oval_offset_mm(x, phase + angle, angle);
+            let (y, z) = (y + oval.0, z + oval.1);
             let rate = strand_rate + scene.strand_jitter[j].slope(x);
             let (strand_ty, strand_tz) = (-z * rate, y * rate); // d/dphase of (sin, -cos)
             self.strands.push(StrandCut { y: y + axis.0, z: z + axis.1, phase_rad: wrap(phase) });

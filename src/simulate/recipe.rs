@@ -37,6 +37,10 @@ pub struct Recipe {
     pub strand_lay_mm: f64,
     /// Nominal wire lay in mm against the fixed axes, signed.
     pub wire_lay_mm: f64,
+    /// Most that the diameter departs from the nominal one, as a share, in the middle of the rope; it goes there and back smoothly.
+    pub diameter_change: f64,
+    /// Largest less smallest diameter of a cut, as a share of their mean. A view at angle 0 sees the largest.
+    pub ovality: f64,
     /// The strand lay stays within nominal +- this many mm.
     pub strand_lay_drift_mm: f64,
     /// The wire lay of every strand stays within nominal +- this many mm.
@@ -59,6 +63,8 @@ pub struct Recipe {
     pub view_angles_deg: Vec<f64>,
     /// Rope metre of the first line.
     pub start_m: f64,
+    /// Whether `rope.json` states the scale of the cameras.
+    pub calibrated: bool,
 
     /// Noise of gray values: sd in gray levels in dark parts (photographic: grows with the light).
     pub gray_noise: f64,
@@ -144,6 +150,8 @@ impl Recipe {
             diameter_mm: 32.0,
             strand_lay_mm: 220.0,
             wire_lay_mm: -95.0,
+            diameter_change: 0.0,
+            ovality: 0.0,
             strand_lay_drift_mm: 2.2,
             wire_lay_drift_mm: 3.5,
             drift_wave_m: 1.2,
@@ -155,6 +163,7 @@ impl Recipe {
             camera_distance_mm: 224.0,
             view_angles_deg: Self::evenly_spaced(4),
             start_m: 0.0,
+            calibrated: false,
             gray_noise: 2.0,
             contour_noise_px: 0.0,
             oscillation_px: 4.0,
@@ -252,6 +261,8 @@ impl Recipe {
             ("rope_width_px", self.rope_width_px, 32.0, f64::from(self.sensor_px) * 0.95),
             ("camera_distance_mm", self.camera_distance_mm, 2.0 * self.diameter_mm, 1000.0 * self.diameter_mm),
             ("number of views", self.view_angles_deg.len() as f64, 1.0, 8.0),
+            ("diameter_change", self.diameter_change, -0.1, 0.1),
+            ("ovality", self.ovality, 0.0, 0.1),
             ("strand_lay_drift_mm", self.strand_lay_drift_mm, 0.0, 0.3 * self.strand_lay_mm.abs()),
             ("wire_lay_drift_mm", self.wire_lay_drift_mm, 0.0, 0.3 * self.wire_lay_mm.abs()),
             ("drift_wave_m", self.drift_wave_m, 0.1, 1000.0),

@@ -173,6 +173,26 @@ impl Scene {
         counted_mm + self.encoder_mm.value(counted_mm)
     }
 
+    /// Diameter at `x_mm`, mean over all directions.
+    pub fn diameter_mm(&self, x_mm: f64) -> f64 {
+        let recipe = &self.recipe;
+        let turn = TAU * x_mm / (recipe.metres * 1e3);
+        recipe.diameter_mm * (1.0 + recipe.diameter_change * (1.0 - turn.cos()) / 2.0)
+    }
+
+    /// How far from the rope axis the strands' centres are at `x_mm`, in mm. Strands keep their size: a rope gets thinner by its core.
+    pub fn strand_curve_radius_mm(&self, x_mm: f64) -> f64 {
+        self.rope.strand_curve_radius_mm() + (self.diameter_mm(x_mm) - self.recipe.diameter_mm) / 2.0
+    }
+
+    /// How far the centre of a strand of this phase is from its place on the circle, (y, z) in mm in the axes of the view at
+    /// `angle_rad`: the cut is stretched in one direction and squeezed in the other.
+    pub fn oval_offset_mm(&self, x_mm: f64, phase_rad: f64, angle_rad: f64) -> (f64, f64) {
+        let stretched_mm = self.diameter_mm(x_mm) * self.recipe.ovality / 4.0;
+        let (sin, cos) = (phase_rad + angle_rad).sin_cos();
+        (stretched_mm * sin, stretched_mm * cos)
+    }
+
     /// Where the rope axis is at a line: (y, z) in mm in the axes of a view.
     pub fn axis_in_view_mm(&self, line: usize, view: usize) -> (f64, f64) {
         let t = line as f64 * self.recipe.line_pitch_mm;

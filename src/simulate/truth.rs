@@ -9,20 +9,22 @@ use std::io::{self, Write};
 /// Every how many lines `truth_wires.csv` has a row.
 pub const WIRE_ROW_LINES: usize = 10;
 
-/// Writes `line,x_mm,strand_phase_rad,strand_lay_mm,dv0_px,...`: one row a line. Phases are of strand 0 without its own deviation.
+/// Writes `line,x_mm,strand_phase_rad,strand_lay_mm,dv0_px,...,diameter_mm,ovality_percent`: one row a line. Phases are of strand 0
+/// without its own deviation.
 pub fn write_lines(scene: &Scene, out: &mut impl Write) -> io::Result<()> {
     write!(out, "line,x_mm,strand_phase_rad,strand_lay_mm")?;
     for view in 0..scene.views() {
         write!(out, ",dv{view}_px")?;
     }
-    writeln!(out)?;
+    writeln!(out, ",diameter_mm,ovality_percent")?;
+    let ovality_percent = 100.0 * scene.recipe().ovality;
     for line in 0..scene.lines() {
         let x = scene.x_mm(line);
         write!(out, "{line},{x:.4},{:.6},{:.4}", scene.strand.phase_rad(x), scene.strand.lay_mm(x))?;
         for view in 0..scene.views() {
             write!(out, ",{:.3}", scene.displacement_px(line, view))?;
         }
-        writeln!(out)?;
+        writeln!(out, ",{:.5},{ovality_percent:.4}", scene.diameter_mm(x))?;
     }
     Ok(())
 }

@@ -50,6 +50,7 @@ struct WrittenRope {
 pub fn rope_file(scene: &Scene) -> RopeFile {
     let recipe = scene.recipe();
     let views = recipe.view_angles_deg.iter().enumerate();
+    let px_per_mm = recipe.calibrated.then(|| scene.camera().focal_px / scene.camera().distance_mm);
     RopeFile {
         strands: recipe.strands,
         wires_per_strand: recipe.wires_per_strand,
@@ -61,7 +62,7 @@ pub fn rope_file(scene: &Scene) -> RopeFile {
         line_pitch_mm: recipe.line_pitch_mm,
         rope_width_px: Some(recipe.rope_width_px),
         sensor_px: recipe.sensor_px,
-        views: views.map(|(v, &angle_deg)| ViewFile { folder: format!("view{v}"), angle_deg }).collect(),
+        views: views.map(|(v, &angle_deg)| ViewFile { folder: format!("view{v}"), angle_deg, px_per_mm }).collect(),
         start_m: Some(recipe.start_m),
         ropeway: None,
         rope: None,

@@ -39,6 +39,8 @@ pub struct View {
     pub view: u32,
     /// The camera stands where strands of this phase are nearest, in degrees.
     pub angle_deg: f64,
+    /// Calibrated scale in px/mm at the distance of the rope axis, if somebody measured it.
+    pub px_per_mm: Option<f64>,
     /// How many frames the client announced.
     pub frames_expected: Option<u32>,
     /// How many frames are there.
@@ -78,8 +80,19 @@ pub struct NewAcquisition {
     pub start_m: f64,
     /// When the pass began, ms since 1970.
     pub acquired_at_ms: Option<i64>,
-    /// (angle in degrees, announced frames) of each view.
-    pub views: Vec<(f64, Option<u32>)>,
+    /// Its views in order.
+    pub views: Vec<NewView>,
+}
+
+/// A view of an acquisition to be created.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NewView {
+    /// The camera stands where strands of this phase are nearest, in degrees.
+    pub angle_deg: f64,
+    /// Calibrated scale in px/mm at the distance of the rope axis, if somebody measured it.
+    pub px_per_mm: Option<f64>,
+    /// How many frames the client announced.
+    pub frames: Option<u32>,
 }
 
 /// What came of the wish to delete an acquisition.
@@ -111,8 +124,8 @@ async fn frames_become_known(
     old: &Acquisition,
     new: &NewAcquisition,
 ) -> Result<bool, StoreError> {
-    for (view, (_, frames)) in old.views.iter().zip(&new.views) {
-        let (None, Some(frames)) = (view.frames_expected, frames) else { continue };
+    for (view, new) in old.views.iter().zip(&new.views) {
+        let (None, Some(frames)) = (view.frames_expected, new.frames) else { continue };
         let recorded = sqlx::query(
             "update view set frames_expected = $3 where acquisition_id = $1 and view = $2 and $3 > max(
                coalesce((select max(frame) from frame where acquisition_id = $1 and view = $2), -1),
@@ -154,10 +167,10 @@ impl Store {
                 && row.start_m == new.start_m
                 && row.acquired_at_ms == new.acquired_at_ms
                 && old.views.len() == new.views.len()
-                && old.views.iter().zip(&new.views).all(|(old, (angle_deg, frames))| {
+                && old.views.iter().zip(&new.views).all(|(old, new)| {
                     let frames_agree =
-                        frames.is_none() || old.frames_expected.is_none() || old.frames_expected == *frames;
-                    old.angle_deg == *angle_deg && frames_agree
+                        new.frames.is_none() || old.frames_expected.is_none() || old.frames_expected == new.frames;
+                    old.angle_deg == new.angle_deg && old.px_per_mm == new.px_per_mm && frames_agree
                 });
             if !same || !frames_become_known(&mut tx, &old, new).await? {
                 return Ok(Created::Different);
@@ -181,14 +194,17 @@ impl Store {
         .bind(now_ms)
         .execute(&mut *tx)
         .await?;
-        for (view, (angle_deg, frames)) in (0_u32..).zip(&new.views) {
-            sqlx::query("insert into view (acquisition_id, view, angle_deg, frames_expected) values ($1, $2, $3, $4)")
-                .bind(new.id)
-                .bind(view)
-                .bind(angle_deg)
-                .bind(frames)
-                .execute(&mut *tx)
-                .await?;
+        for (number, view) in (0_u32..).zip(&new.views) {
+            sqlx::query(
+                "insert into view (acquisition_id, view, angle_deg, px_per_mm, frames_expected) values ($1, $2, $3, $4, $5)",
+            )
+            .bind(new.id)
+            .bind(number)
+            .bind(view.angle_deg)
+            .bind(view.px_per_mm)
+            .bind(view.frames)
+            .execute(&mut *tx)
+            .await?;
         }
         let row = sqlx::query_as("select * from acquisition where id = $1").bind(new.id).fetch_one(&mut *tx).await?;
         let views = load_views(&mut tx, new.id).await?;

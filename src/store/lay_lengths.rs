@@ -32,8 +32,14 @@ pub(super) struct Raw {
     strand_lay_mm: Option<f64>,
     strand_lay_sd_mm: Option<f64>,
     strand_phase_rad: Option<f64>,
+    strand_phase_sd_rad: Option<f64>,
     strand_score: Option<f64>,
+    strand_spread_rad: Option<f64>,
+    strand_spread_sd_rad: Option<f64>,
     diameter_mm: Option<f64>,
+    diameter_sd_mm: Option<f64>,
+    ovality_percent: Option<f64>,
+    ovality_sd_percent: Option<f64>,
     wires: String,
     reason: Option<String>,
 }
@@ -58,8 +64,14 @@ impl Raw {
                 strand_lay_mm: self.strand_lay_mm,
                 strand_lay_sd_mm: self.strand_lay_sd_mm,
                 strand_phase_rad: self.strand_phase_rad,
+                strand_phase_sd_rad: self.strand_phase_sd_rad,
                 strand_score: self.strand_score,
+                strand_spread_rad: self.strand_spread_rad,
+                strand_spread_sd_rad: self.strand_spread_sd_rad,
                 diameter_mm: self.diameter_mm,
+                diameter_sd_mm: self.diameter_sd_mm,
+                ovality_percent: self.ovality_percent,
+                ovality_sd_percent: self.ovality_sd_percent,
                 wires,
                 reason: self.reason,
             },
@@ -72,6 +84,18 @@ fn finite(value: Option<f64>) -> Option<f64> {
     value.filter(|v| v.is_finite())
 }
 
+/// The columns of [`as_json`], and the expressions that take its rows apart.
+macro_rules! columns_of_json {
+    () => {
+        "view, first_line, last_line, from_m, to_m, position_m, strand_lay_mm, strand_lay_sd_mm, strand_phase_rad, strand_score, diameter_mm,
+         wires, reason, strand_phase_sd_rad, strand_spread_rad, strand_spread_sd_rad, diameter_sd_mm, ovality_percent, ovality_sd_percent)
+         select $1, value->>0, value->>1, value->>2, value->>3, value->>4, value->>5, value->>6, value->>7, value->>8, value->>9,
+           value->>10, value->11, value->>12, value->>13, value->>14, value->>15, value->>16, value->>17, value->>18
+         from json_each($2)"
+    };
+}
+pub(super) use columns_of_json;
+
 /// Rows as a JSON array, in the order of the columns from `view` on: what `json_each` of an insert takes apart.
 pub(super) fn as_json(rows: &[LayLengthRow], line_pitch_mm: f64) -> String {
     let values = rows.iter().map(|row| {
@@ -83,6 +107,7 @@ pub(super) fn as_json(rows: &[LayLengthRow], line_pitch_mm: f64) -> String {
                 lay_mm: finite(w.lay_mm),
                 lay_sd_mm: finite(w.lay_sd_mm),
                 phase_rad: finite(w.phase_rad),
+                phase_sd_rad: finite(w.phase_sd_rad),
                 score: finite(w.score),
             })
             .collect();
@@ -100,6 +125,12 @@ pub(super) fn as_json(rows: &[LayLengthRow], line_pitch_mm: f64) -> String {
             finite(row.diameter_mm),
             wires,
             row.reason,
+            finite(row.strand_phase_sd_rad),
+            finite(row.strand_spread_rad),
+            finite(row.strand_spread_sd_rad),
+            finite(row.diameter_sd_mm),
+            finite(row.ovality_percent),
+            finite(row.ovality_sd_percent),
         ])
     });
     serde_json::Value::Array(values.collect()).to_string()
@@ -112,16 +143,11 @@ pub(super) async fn insert(
     line_pitch_mm: f64,
 ) -> Result<(), StoreError> {
     for chunk in rows.chunks(CHUNK) {
-        sqlx::query(
-            "insert into lay_length (inspection_id, view, first_line, last_line, from_m, to_m, position_m, strand_lay_mm,
-               strand_lay_sd_mm, strand_phase_rad, strand_score, diameter_mm, wires, reason)
-             select $1, value->>0, value->>1, value->>2, value->>3, value->>4, value->>5, value->>6, value->>7, value->>8, value->>9,
-               value->>10, value->11, value->>12 from json_each($2)",
-        )
-        .bind(inspection)
-        .bind(as_json(chunk, line_pitch_mm))
-        .execute(&mut *connection)
-        .await?;
+        sqlx::query(concat!("insert into lay_length (inspection_id, ", columns_of_json!()))
+            .bind(inspection)
+            .bind(as_json(chunk, line_pitch_mm))
+            .execute(&mut *connection)
+            .await?;
     }
     Ok(())
 }
@@ -155,5 +181,42 @@ impl Store {
                 .fetch_one(self.reader())
                 .await?;
         Ok(span.0.zip(span.1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::MIGRATIONS;
+    use sqlx::Connection;
+
+    /// The schema before diameters had deviations.
+    const BEFORE: i64 = 50;
+
+    #[tokio::test]
+    async fn lay_lengths_of_an_older_database_stay_and_what_was_not_estimated_is_absent() {
+        let mut connection = SqliteConnection::connect("sqlite::memory:").await.unwrap();
+        let older = MIGRATIONS.iter().filter(|migration| migration.version < BEFORE);
+        for migration in older {
+            sqlx::raw_sql(migration.sql.clone()).execute(&mut connection).await.unwrap();
+        }
+        sqlx::raw_sql(
+            r#"pragma foreign_keys = off;
+               insert into lay_length (inspection_id, view, first_line, last_line, from_m, to_m, position_m, strand_lay_mm, diameter_mm, wires)
+               values ('i', -1, 0, 1999, 0.0, 0.2, 0.1, 220.5, 31.9,
+                 '[{"lay_mm": -95.1, "lay_sd_mm": 0.2, "phase_rad": 1.0, "score": 0.9}]')"#,
+        )
+        .execute(&mut connection)
+        .await
+        .unwrap();
+        for migration in MIGRATIONS.iter().filter(|migration| migration.version >= BEFORE) {
+            sqlx::raw_sql(migration.sql.clone()).execute(&mut connection).await.unwrap();
+        }
+        let raw: Raw = sqlx::query_as("select * from lay_length").fetch_one(&mut connection).await.unwrap();
+        let row = raw.stretch(Id(uuid::Uuid::nil())).unwrap().row;
+        assert_eq!((row.view, row.strand_lay_mm, row.diameter_mm), (None, Some(220.5), Some(31.9)));
+        assert_eq!((row.diameter_sd_mm, row.ovality_percent, row.strand_spread_rad), (None, None, None));
+        assert_eq!((row.wires[0].lay_mm, row.wires[0].phase_sd_rad), (Some(-95.1), None));
+        assert_eq!(row.diameter_quality(), Some(crate::pipeline::quality::Quality::Uncertain));
     }
 }

@@ -1,7 +1,7 @@
 //! What running inspections have found so far. It is no result: it lies in tables of its own, and the triggers of
 //! `migrations/0020_live.sql` remove it in the transaction in which the job ends, however that is, or starts anew.
 
-use super::lay_lengths::{FUSED, Raw, Stretch, as_json};
+use super::lay_lengths::{FUSED, Raw, Stretch, as_json, columns_of_json};
 use super::leases::Lease;
 use super::{Id, Store, StoreError};
 use crate::pipeline::Found;
@@ -31,16 +31,11 @@ impl Store {
         .await?;
         let Some(line_pitch_mm) = held else { return Ok(Lease::Lost) };
         for found in found {
-            sqlx::query(
-                "insert into provisional_lay_length (job_id, view, first_line, last_line, from_m, to_m, position_m, strand_lay_mm,
-                   strand_lay_sd_mm, strand_phase_rad, strand_score, diameter_mm, wires, reason)
-                 select $1, value->>0, value->>1, value->>2, value->>3, value->>4, value->>5, value->>6, value->>7, value->>8,
-                   value->>9, value->>10, value->11, value->>12 from json_each($2)",
-            )
-            .bind(job)
-            .bind(as_json(&found.lay_lengths, line_pitch_mm))
-            .execute(&mut *tx)
-            .await?;
+            sqlx::query(concat!("insert into provisional_lay_length (job_id, ", columns_of_json!()))
+                .bind(job)
+                .bind(as_json(&found.lay_lengths, line_pitch_mm))
+                .execute(&mut *tx)
+                .await?;
             let Some(defects) = &found.defects else { continue };
             sqlx::query("delete from provisional_defect where job_id = $1 and number >= $2")
                 .bind(job)

@@ -1,7 +1,7 @@
 //! What a rope and an acquisition in the database amount to as `rope.json`: one check for what comes over HTTP, for what a job
 //! reads back, and for folders.
 
-use super::acquisitions::{Acquisition, NewAcquisition};
+use super::acquisitions::{Acquisition, NewAcquisition, NewView};
 use super::ropes::Design;
 use crate::pipeline::acquisition::{RopeFile, ViewFile};
 
@@ -21,7 +21,11 @@ impl NewAcquisition {
             sensor_px: self.sensor_px,
             views: (0..)
                 .zip(&self.views)
-                .map(|(v, (angle_deg, _)): (u32, _)| ViewFile { folder: format!("view{v}"), angle_deg: *angle_deg })
+                .map(|(v, view): (u32, &NewView)| ViewFile {
+                    folder: format!("view{v}"),
+                    angle_deg: view.angle_deg,
+                    px_per_mm: view.px_per_mm,
+                })
                 .collect(),
             start_m: Some(self.start_m),
             ropeway: None,
@@ -43,7 +47,11 @@ impl Acquisition {
             rope_width_px: row.rope_width_px,
             start_m: row.start_m,
             acquired_at_ms: row.acquired_at_ms,
-            views: self.views.iter().map(|v| (v.angle_deg, v.frames_expected)).collect(),
+            views: self
+                .views
+                .iter()
+                .map(|v| NewView { angle_deg: v.angle_deg, px_per_mm: v.px_per_mm, frames: v.frames_expected })
+                .collect(),
         };
         new.rope_file(rope)
     }

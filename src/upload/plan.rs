@@ -130,7 +130,9 @@ impl Plan {
             .iter()
             .zip(&frames)
             .map(|(view, frames)| {
-                without_nulls(json!({"angle_deg": view.angle_deg, "frames": whole.then_some(frames.len())}))
+                without_nulls(json!({
+                    "angle_deg": view.angle_deg, "px_per_mm": view.px_per_mm, "frames": whole.then_some(frames.len()),
+                }))
             })
             .collect();
         let acquisition = without_nulls(json!({

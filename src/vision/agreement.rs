@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     fn estimate(lay_mm: f64, lay_sd_mm: f64) -> LayEstimate {
-        LayEstimate { lay_mm, lay_sd_mm, phase_rad: 0.0, score: 1.0 }
+        LayEstimate { lay_mm, lay_sd_mm, phase_rad: 0.0, phase_sd_rad: 0.0, score: 1.0 }
     }
 
     #[test]

@@ -22,6 +22,7 @@ use super::strand_alignment::StrandAlignment;
 use super::stretch::{Reference, StrandKnots, ViewModel, ViewStretch};
 use super::template::TemplateSums;
 use super::unwrapping::{StripeTable, Stripes};
+use super::width::{WidthAgreement, WidthScatter};
 use super::wire_pattern::PatternSums;
 use super::wire_prediction::WirePrediction;
 use super::wire_tracking::{Grid, StripeShift, WireKnot};
@@ -54,6 +55,8 @@ pub struct AlignerSpec {
     pub width_px: usize,
     /// Expected width of the rope in px, if known.
     pub rope_width_px: Option<f64>,
+    /// Scale of each view in px/mm at the rope axis where somebody measured it, else empty: diameters are absolute then.
+    pub calibrated_px_per_mm: Vec<f64>,
     /// Lines from one reading of the wires to the next: neighbouring lines tell nearly the same.
     pub reading_lines: usize,
     /// Lines per knot of the courses.
@@ -78,7 +81,17 @@ impl AlignerSpec {
         let knot_lines = (KNOT_DIAMETERS * rope.diameter_mm() / pitch_mm).round() as usize;
         let knot_lines = knot_lines.max(2 * KNOT_READINGS).next_multiple_of(KNOT_READINGS);
         let reading_lines = (knot_lines / KNOT_READINGS).min(MOST_READING_LINES);
-        Self { rope, pitch_mm, view_angles_rad, width_px, rope_width_px, reading_lines, knot_lines }
+        let calibrated_px_per_mm = Vec::new();
+        Self {
+            rope,
+            pitch_mm,
+            view_angles_rad,
+            width_px,
+            rope_width_px,
+            calibrated_px_per_mm,
+            reading_lines,
+            knot_lines,
+        }
     }
 
     /// True if some view sees every strand everywhere: fewer leave gaps, over which the count of a strand's wires is the first concern.
@@ -161,7 +174,10 @@ pub(super) struct Views {
     pub encoder: EncoderEvidence,
     pub agreement: Agreement,
     pub table: StripeTable,
-    pub diameter_mm: f64,
+    /// Mean column of each view's axis where the rope was found: there its scale was fitted.
+    pub found_axis_px: Vec<f64>,
+    pub widths: Vec<WidthScatter>,
+    pub width_agreement: WidthAgreement,
 }
 
 /// Aligns stretch after stretch.

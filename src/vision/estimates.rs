@@ -1,7 +1,9 @@
-//! Lay lengths, phases and diameter of a stretch, each with its uncertainty, or the reason why there is none.
+//! Lay lengths and phases of a stretch, looseness and diameter, each with its uncertainty, or the reason why there is none.
 
 use super::aligner::{AlignerSpec, Measured, Views};
 use super::courses::{JointCourses, StrandCourses, courses_of_view, joint_courses};
+use super::diameter::{Diameters, WithSd, diameters};
+use super::looseness::spread;
 use super::smoothing::Course;
 use super::wire_tracking::coherence;
 use rayon::prelude::*;
@@ -44,6 +46,8 @@ pub struct LayEstimate {
     pub lay_sd_mm: f64,
     /// Phase at the middle line in rad, rope axes.
     pub phase_rad: f64,
+    /// Its standard deviation in rad.
+    pub phase_sd_rad: f64,
     /// Agreement of image and model in [0, 1].
     pub score: f64,
 }
@@ -70,10 +74,11 @@ pub struct Estimates {
     pub strand_phases_rad: Vec<f64>,
     /// `wire_phases_rad[knot * strands + j]` of wire 0; NaN where the wires of a strand are not known.
     pub wire_phases_rad: Vec<f64>,
-    /// Spread of the strands' deviations from their regular places in rad: looseness.
-    pub strand_spread_rad: f64,
-    /// Rope diameter in mm, from the widest places of the contours; `None` if no view shows them.
-    pub diameter_mm: Option<f64>,
+    /// Looseness: root mean square of the strands' deviations from their regular places in rad, without what noise adds; `None` if some
+    /// strand is not known.
+    pub strand_spread_rad: Option<WithSd>,
+    /// What the contours say of the diameter.
+    pub diameters: Diameters,
 }
 
 /// What a stretch leaves of what those before it said of the encoder.
@@ -145,15 +150,14 @@ pub(super) fn estimate(
     if let Some(strand) = &mut fused.strand {
         views.agreement.learn(strand, per_view.iter().filter_map(|view| view.strand.as_ref()));
         let scale = views.agreement.scale();
-        strand.lay_sd_mm *= scale;
-        per_view.iter_mut().filter_map(|view| view.strand.as_mut()).for_each(|strand| strand.lay_sd_mm *= scale);
+        for strand in per_view.iter_mut().filter_map(|view| view.strand.as_mut()).chain([strand]) {
+            strand.lay_sd_mm *= scale;
+            strand.phase_sd_rad *= scale;
+        }
     }
-    let mut spread = 0.0;
-    for row in strand_phases_rad.chunks_exact(n) {
-        let mean = row.iter().enumerate().map(|(j, p)| p - j as f64 * step).sum::<f64>() / n as f64;
-        spread += row.iter().enumerate().map(|(j, p)| (p - j as f64 * step - mean).powi(2)).sum::<f64>() / n as f64;
-    }
-    let strand_spread_rad = (spread / knots.len().max(1) as f64).sqrt();
+    let strands: Vec<&Course> = fused_courses.iter().filter_map(|courses| courses.strand.as_ref()).collect();
+    let strand_spread_rad = spread(&strands, knots, &strand_phases_rad, step, views.agreement.scale());
+    let diameters = diameters(spec, views, here, reference);
     Ok(Estimates {
         fused,
         views: per_view,
@@ -161,7 +165,7 @@ pub(super) fn estimate(
         strand_phases_rad,
         wire_phases_rad,
         strand_spread_rad,
-        diameter_mm: diameter_mm(views, here),
+        diameters,
     })
 }
 
@@ -198,8 +202,14 @@ fn lay_estimate(course: &Course, knots: &std::ops::Range<usize>, phase_rad: f64,
         lay_mm,
         lay_sd_mm,
         phase_rad,
+        phase_sd_rad: course.phase_variance(middle_knot(knots)).sqrt(),
         score,
     })
+}
+
+/// The knot that the phase in the middle of a stretch is told by.
+fn middle_knot(knots: &std::ops::Range<usize>) -> usize {
+    (knots.start + knots.end) / 2
 }
 
 /// Mean over the strands: the rope's phase and lay are those of its strands on average.
@@ -230,31 +240,7 @@ fn strand_estimate(
         lay_mm,
         lay_sd_mm,
         phase_rad,
+        phase_sd_rad: Course::mean_phase_variance(&courses, middle_knot(knots)).sqrt(),
         score,
     })
-}
-
-/// Mean diameter: measured against the model's outline, whose scale the whole acquisition set.
-fn diameter_mm(views: &Views, here: &Measured) -> Option<f64> {
-    let mut ratios = Vec::new();
-    for (model, view) in views.models.iter().zip(&here.views) {
-        let mut widths: Vec<f32> = view
-            .contours
-            .lower_px
-            .iter()
-            .zip(&view.contours.upper_px)
-            .map(|(l, u)| u - l)
-            .filter(|w| w.is_finite())
-            .collect();
-        if widths.len() >= 100 {
-            let n = widths.len();
-            let at = n / 2;
-            let median = f64::from(*widths.select_nth_unstable_by(at, f32::total_cmp).1);
-            ratios.push(median / model.contour.mean_width_px());
-        }
-    }
-    if ratios.is_empty() {
-        return None;
-    }
-    Some(ratios.iter().sum::<f64>() / ratios.len() as f64 * views.diameter_mm)
 }

@@ -17,6 +17,7 @@ use super::stretch::{Reference, ViewModel};
 use super::surface::Outlines;
 use super::template::{Template, TemplateSums};
 use super::unwrapping::StripeTable;
+use super::width::{WidthAgreement, WidthScatter};
 use super::wire_lock::{learn_patterns, lock_wires};
 use super::wire_pattern::PatternSums;
 use super::wire_prediction::WirePrediction;
@@ -72,6 +73,7 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
         }
         let predictions = learn_patterns(spec, &mut views, gathered);
         measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+        views.found_axis_px = (0..views.models.len()).map(|v| mean_axis_px(gathered, v)).collect();
     } else {
         measure_all(spec, &mut views, gathered, &|_| unknown.clone());
     }
@@ -99,7 +101,9 @@ fn first_views(spec: &AlignerSpec, gathered: &[Measured]) -> Views {
         encoder: EncoderEvidence::default(),
         agreement: Agreement::default(),
         table: StripeTable::new(spec.rope.wires(), spec.reading_lines),
-        diameter_mm: spec.rope.diameter_mm(),
+        found_axis_px: Vec::new(),
+        widths: vec![WidthScatter::default(); spec.view_angles_rad.len()],
+        width_agreement: WidthAgreement::default(),
     }
 }
 
@@ -183,6 +187,14 @@ fn sharpen(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) {
             views.models.iter_mut().for_each(|m| m.contour_noise_scale = CONTRADICTED_NOISE);
         }
     }
+}
+
+/// Mean column of the rope axis in a view; NaN if it never shows the rope.
+fn mean_axis_px(gathered: &[Measured], view: usize) -> f64 {
+    let usable = gathered.iter().map(|measured| &measured.views[view]).filter(|view| view.usable());
+    let columns = usable.flat_map(|view| view.axis_px.iter().map(|&px| f64::from(px)));
+    let (sum, lines) = columns.fold((0.0, 0.0), |(sum, lines), px| (sum + px, lines + 1.0));
+    sum / lines
 }
 
 /// The same straight course, with lines counted from another first line.

@@ -69,6 +69,8 @@
 //! - `lock`: finding the rope in the first stretches
 //! - `courses`: strands and their wires solved for together; `encoder`: what the line counter gets wrong
 //! - [`aligner`]: stretch after stretch
+//! - [`diameter`]: diameter and ovality from opposite contours, whose `width` is followed block by block and, where the scale was measured,
+//!   turned into mm by `calibrated_width`; `looseness`: how far strands are from their regular places
 //! - [`estimates`]: lay lengths with their uncertainty, or why there are none; `agreement`: whether the views bear it out
 //!
 //! The appearance:
@@ -92,12 +94,14 @@ mod agreement;
 pub mod aligner;
 pub mod appearance;
 mod banded;
+mod calibrated_width;
 pub mod calibration;
 pub mod camera;
 pub mod camera_distance;
 pub mod contour;
 mod courses;
 pub mod defects;
+pub mod diameter;
 pub mod displacement;
 mod edge_search;
 mod edge_strip;
@@ -117,6 +121,7 @@ pub mod inspection_model;
 pub mod kind;
 pub mod lasting;
 mod lock;
+mod looseness;
 mod measuring;
 pub mod model_contour;
 pub mod outline_detail;
@@ -145,6 +150,7 @@ pub mod template;
 pub mod together;
 mod unwrapping;
 pub mod usual;
+mod width;
 pub mod wire;
 pub mod wire_alignment;
 pub mod wire_count;

@@ -178,8 +178,8 @@ mod tests {
             knot_lines: KNOT_LINES,
             strand_phases_rad: courses(&|j, x| strand.phase_rad(&rope, j, x)),
             wire_phases_rad: courses(&|_, x| wire.phase_rad(&rope, 0, x)),
-            strand_spread_rad: 0.0,
-            diameter_mm: None,
+            strand_spread_rad: None,
+            diameters: crate::vision::diameter::Diameters::default(),
         };
         (rope, estimates, image)
     }

@@ -7,7 +7,7 @@
 
 use super::banded::Banded;
 use super::encoder::EncoderCourse;
-use nalgebra::{DVector, Matrix2, SMatrix, SVector, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2};
 use std::sync::Arc;
 
 /// A measured phase at one knot: the information form of "phase = value, with variance 1/information".
@@ -192,6 +192,9 @@ trait Spread: std::fmt::Debug + Send + Sync {
         weights: &[f64],
         encoder: Option<&EncoderCourse>,
     ) -> (f64, DVector<f64>);
+
+    /// Covariance of the phases of a part at some knots, were the encoder's error known.
+    fn covariance(&self, part: usize, knots: &[usize]) -> DMatrix<f64>;
 }
 
 impl<const S: usize> Spread for Chain<S> {
@@ -214,6 +217,19 @@ impl<const S: usize> Spread for Chain<S> {
             own - self.taken_away(knot, &solved[knot])
         });
         (variance, changes)
+    }
+
+    fn covariance(&self, part: usize, knots: &[usize]) -> DMatrix<f64> {
+        let mut covariance = DMatrix::zeros(knots.len(), knots.len());
+        for (column, &knot) in knots.iter().enumerate() {
+            let mut unit = vec![SVector::<f64, S>::zeros(); self.knots()];
+            unit[knot][2 * part] = 1.0;
+            let solved = self.factor.solve(unit);
+            for (row, &other) in knots.iter().enumerate() {
+                covariance[(row, column)] = solved[other][2 * part];
+            }
+        }
+        covariance
     }
 }
 
@@ -257,6 +273,16 @@ impl Course {
     /// Variance of the phase at a knot in rad^2.
     pub fn phase_variance(&self, knot: usize) -> f64 {
         Self::mean_variance(&[self], knot, &[1.0])
+    }
+
+    /// Covariance of the phases at some knots in rad^2, but for the encoder's error, which is the same for all courses.
+    pub fn phase_covariance(&self, knots: &[usize]) -> DMatrix<f64> {
+        self.chain.covariance(self.part, knots)
+    }
+
+    /// Variance of the mean phase of several courses at a knot in rad^2.
+    pub fn mean_phase_variance(courses: &[&Self], knot: usize) -> f64 {
+        Self::mean_variance(courses, knot, &[1.0])
     }
 
     /// Variance of [`Self::slope_rad_per_mm`] in rad^2/mm^2.

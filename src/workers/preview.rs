@@ -247,17 +247,11 @@ mod tests {
 
     fn row(n: usize, strand_lay_mm: Option<f64>) -> LayLengthRow {
         LayLengthRow {
-            view: None,
             first_line: n * 50,
             last_line: n * 50 + 49,
-            position_m: 0.0,
             strand_lay_mm,
-            strand_lay_sd_mm: None,
-            strand_phase_rad: None,
-            strand_score: None,
-            diameter_mm: None,
-            wires: Vec::new(),
             reason: Some("too dark".into()),
+            ..LayLengthRow::default()
         }
     }
 
@@ -285,7 +279,8 @@ mod tests {
 
     #[test]
     fn a_single_view_keeps_its_strand_lay_and_says_why_it_has_no_wire_lays() {
-        let wire = WireEstimate { lay_mm: Some(95.0), lay_sd_mm: Some(0.1), phase_rad: Some(1.0), score: Some(0.9) };
+        let wire =
+            WireEstimate { lay_mm: Some(95.0), lay_sd_mm: Some(0.1), score: Some(0.9), ..WireEstimate::default() };
         let mut seen = LayLengthRow { wires: vec![wire; 6], reason: None, ..row(0, Some(220.0)) };
         leave_out_wires(&mut seen);
         assert!(seen.wires.iter().all(|w| w.lay_mm.is_none() && w.lay_sd_mm.is_none()), "{seen:?}");

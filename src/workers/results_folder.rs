@@ -55,14 +55,21 @@ pub fn lay_lengths(folder: &Path) -> Result<Vec<LayLengthRow>, ResultsError> {
             strand_lay_mm: row.optional("strand_lay_mm")?,
             strand_lay_sd_mm: row.optional("strand_lay_sd_mm")?,
             strand_phase_rad: row.optional("strand_phase_rad")?,
+            strand_phase_sd_rad: row.optional("strand_phase_sd_rad")?,
             strand_score: row.optional("strand_score")?,
+            strand_spread_rad: row.optional("strand_spread_rad")?,
+            strand_spread_sd_rad: row.optional("strand_spread_sd_rad")?,
             diameter_mm: row.optional("diameter_mm")?,
+            diameter_sd_mm: row.optional("diameter_sd_mm")?,
+            ovality_percent: row.optional("ovality_percent")?,
+            ovality_sd_percent: row.optional("ovality_sd_percent")?,
             wires: (0..strands)
                 .map(|j| {
                     Ok(WireEstimate {
                         lay_mm: row.optional(&format!("wire_lay_{j}_mm"))?,
                         lay_sd_mm: row.optional(&format!("wire_lay_{j}_sd_mm"))?,
                         phase_rad: row.optional(&format!("wire_phase_{j}_rad"))?,
+                        phase_sd_rad: row.optional(&format!("wire_phase_{j}_sd_rad"))?,
                         score: row.optional(&format!("wire_score_{j}"))?,
                     })
                 })

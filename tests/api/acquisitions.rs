@@ -64,12 +64,32 @@ async fn an_acquisition_with_impossible_values_is_refused_with_value_and_limit()
         assert_eq!(problem["limit"]["min"], limit, "{problem}");
     }
     let mut body = good.clone();
+    body["views"] = json!([{ "angle_deg": 0, "px_per_mm": 90.0 }]);
+    let problem = app.admin.post("acquisitions", body).await.problem(422, "out-of-range");
+    assert_eq!((&problem["value"], &problem["field"]), (&json!(90.0), &json!("px_per_mm")), "{problem}");
+    let mut body = good.clone();
+    body["views"] = json!([{ "angle_deg": 0, "px_per_mm": 2.0 }, { "angle_deg": 90 }]);
+    let problem = app.admin.post("acquisitions", body).await.problem(422, "out-of-range");
+    assert!(problem["detail"].as_str().unwrap().contains("for all of them or for none"), "{problem}");
+    let mut body = good.clone();
     body["acquired_at"] = json!("yesterday");
     app.admin.post("acquisitions", body).await.problem(422, "out-of-range");
     let mut body = good;
     body["rope_id"] = json!(new_id());
     app.admin.post("acquisitions", body).await.problem(422, "unknown-reference");
     assert_eq!(app.admin.get("acquisitions").await.ok(200)["items"], json!([]));
+}
+
+#[tokio::test]
+async fn the_scale_of_a_view_is_kept_and_part_of_what_an_acquisition_is() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let path = format!("acquisitions/{}", new_id());
+    let body = |px_per_mm: Value| json!({ "rope_id": rope, "line_pitch_mm": 0.1, "sensor_px": 64, "views": [{ "angle_deg": 0, "px_per_mm": px_per_mm }] });
+    app.admin.call("PUT", &path, body(json!(1.5))).await.ok(201);
+    assert_eq!(app.admin.get(&path).await.ok(200)["views"][0]["px_per_mm"], 1.5);
+    app.admin.call("PUT", &path, body(json!(1.5))).await.ok(200);
+    app.admin.call("PUT", &path, body(json!(1.6))).await.problem(409, "id-in-use");
 }
 
 #[tokio::test]

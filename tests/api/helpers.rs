@@ -6,9 +6,10 @@ use ropescope::http::auth;
 use ropescope::pipeline::budget::{self, BudgetFit};
 use ropescope::pipeline::fit::ModelFit;
 use ropescope::pipeline::found::{Found, FoundDefects};
+use ropescope::pipeline::lay_length_table::LayLengthTable;
 use ropescope::pipeline::learning_curve::LearningPoint;
 use ropescope::pipeline::results::{
-    AlarmRow, DefectRow, Kind, LayLengthRow, Level, NotCovered, Suggestion, Summary, Threshold,
+    AlarmRow, DefectRow, Kind, LayLengthRow, Level, NotCovered, Suggestion, Summary, Threshold, WireEstimate,
 };
 use ropescope::pipeline::training_range::LearntFrom;
 use ropescope::pipeline::{
@@ -147,31 +148,13 @@ impl Engine for ToyEngine {
         }
         std::fs::create_dir_all(results).unwrap();
         let mut table =
-            "view,first_line,last_line,position_m,strand_lay_mm,strand_lay_sd_mm,strand_phase_rad,strand_score"
-                .to_owned();
-        for j in 0..acquisition.rope.strands() {
-            table += &format!(",wire_lay_{j}_mm,wire_lay_{j}_sd_mm,wire_phase_{j}_rad,wire_score_{j}");
-        }
-        table += ",reason\n";
+            LayLengthTable::create(results.join("lay_lengths.csv"), acquisition.rope.strands()).expect("a new file");
         for view in [None, Some(0)] {
             for frame in 0..source.frames(0) {
-                let first = frame * LINES as usize;
-                let last = first + LINES as usize - 1;
-                let position =
-                    acquisition.position_m(first) + 0.5 * f64::from(LINES) * acquisition.line_pitch_mm / 1000.0;
-                let dark = frame == 1; // one stretch that could not be measured
-                let lay = if dark { String::new() } else { format!("{}", 137.0 + frame as f64) };
-                table += &format!(
-                    "{},{first},{last},{position},{lay},0.1,0.5,0.9",
-                    view.map_or(String::new(), |v: usize| v.to_string())
-                );
-                for _ in 0..acquisition.rope.strands() {
-                    table += if dark { ",,,," } else { ",-70.5,0.2,0.1,0.8" };
-                }
-                table += if dark { ",too dark\n" } else { ",\n" };
+                table.write(&lay_length(acquisition, view, frame)).unwrap();
             }
         }
-        std::fs::write(results.join("lay_lengths.csv"), table).unwrap();
+        table.finish().unwrap();
         let mut found = None;
         if options.model_path.is_some() {
             let defects = [defect(acquisition)];
@@ -228,11 +211,54 @@ impl Engine for ToyEngine {
             }),
             defects: found,
             look_again: found,
+            diameter: None,
             fit: options.model_path.as_ref().map(|_| toy_fit()),
             seconds: 0.1,
             metres_per_second: 1.0,
             notes: vec![],
         })
+    }
+}
+
+/// What the toy engine measures in a frame; one stretch could not be measured.
+fn lay_length(acquisition: &Acquisition, view: Option<usize>, frame: usize) -> LayLengthRow {
+    let first_line = frame * LINES as usize;
+    let half_m = 0.5 * f64::from(LINES) * acquisition.line_pitch_mm / 1000.0;
+    let strands = acquisition.rope.strands();
+    let row = LayLengthRow {
+        view,
+        first_line,
+        last_line: first_line + LINES as usize - 1,
+        position_m: acquisition.position_m(first_line) + half_m,
+        wires: vec![WireEstimate::default(); strands],
+        reason: Some("too dark".into()),
+        ..LayLengthRow::default()
+    };
+    if frame == 1 {
+        return row;
+    }
+    let wire = WireEstimate {
+        lay_mm: Some(-70.5),
+        lay_sd_mm: Some(0.2),
+        phase_rad: Some(0.1),
+        phase_sd_rad: Some(0.004),
+        score: Some(0.8),
+    };
+    LayLengthRow {
+        strand_lay_mm: Some(137.0 + frame as f64),
+        strand_lay_sd_mm: Some(0.1),
+        strand_phase_rad: Some(0.5),
+        strand_phase_sd_rad: Some(0.002),
+        strand_score: Some(0.9),
+        strand_spread_rad: Some(0.01),
+        strand_spread_sd_rad: Some(0.001),
+        diameter_mm: Some(20.0),
+        diameter_sd_mm: Some(0.2),
+        ovality_percent: Some(0.8),
+        ovality_sd_percent: Some(0.3),
+        wires: vec![wire; strands],
+        reason: None,
+        ..row
     }
 }
 
@@ -287,12 +313,7 @@ fn found(acquisition: &Acquisition, frame: usize, with_model: bool) -> Found {
         last_line: first_line + LINES as usize - 1,
         position_m: acquisition.position_m(first_line + LINES as usize / 2),
         strand_lay_mm: Some(137.0 + frame as f64),
-        strand_lay_sd_mm: None,
-        strand_phase_rad: None,
-        strand_score: None,
-        diameter_mm: None,
-        wires: vec![],
-        reason: None,
+        ..LayLengthRow::default()
     };
     let rows = if with_model { vec![defect(acquisition)] } else { vec![] };
     Found { lay_lengths: vec![row], defects: Some(FoundDefects { from: 0, rows }) }

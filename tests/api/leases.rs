@@ -4,7 +4,7 @@ use ropescope::clock::{Clock, ManualClock};
 use ropescope::pipeline::Budget;
 use ropescope::pipeline::found::{Found, FoundDefects};
 use ropescope::pipeline::results::DefectRow;
-use ropescope::store::acquisitions::NewAcquisition;
+use ropescope::store::acquisitions::{NewAcquisition, NewView};
 use ropescope::store::enqueue::{Enqueued, NewJob, Task};
 use ropescope::store::frames::Frame;
 use ropescope::store::jobs::Cancellation;
@@ -60,7 +60,7 @@ impl Queue {
             rope_width_px: None,
             start_m: 0.0,
             acquired_at_ms: None,
-            views: vec![(0.0, Some(1))],
+            views: vec![NewView { angle_deg: 0.0, px_per_mm: None, frames: Some(1) }],
         };
         store.create_acquisition(&new, 0).await.unwrap();
         let upload = data.path().join("uploads/frame");
@@ -254,7 +254,7 @@ async fn enqueue_live(queue: &Queue) -> (Id, Id) {
         rope_width_px: None,
         start_m: 0.0,
         acquired_at_ms: None,
-        views: vec![(0.0, None)],
+        views: vec![NewView { angle_deg: 0.0, px_per_mm: None, frames: None }],
     };
     queue.store.create_acquisition(&new, 0).await.unwrap();
     let task = Task::Inspect { model_id: None, threshold: None, live: true };

@@ -35,12 +35,28 @@ async fn lay_lengths_come_as_rows_buckets_and_csv_and_gaps_have_reasons() {
         (&json!(137.0), &json!(-70.5))
     );
     assert_eq!((&rows["rows"][1]["strand_lay_mm"], &rows["rows"][1]["reason"]), (&Value::Null, &json!("too dark")));
+    let (row, gap) = (&rows["rows"][0], &rows["rows"][1]);
+    for (field, value) in [
+        ("strand_phase_sd_rad", json!(0.002)),
+        ("strand_quality", json!("good")),
+        ("strand_spread_rad", json!(0.01)),
+        ("strand_spread_sd_rad", json!(0.001)),
+        ("diameter_mm", json!(20.0)),
+        ("diameter_sd_mm", json!(0.2)),
+        ("diameter_quality", json!("uncertain")),
+        ("ovality_percent", json!(0.8)),
+        ("ovality_sd_percent", json!(0.3)),
+    ] {
+        assert_eq!((&row[field], &gap[field]), (&value, &Value::Null), "{field}");
+    }
+    assert_eq!((&row["wires"][5]["phase_sd_rad"], &row["wires"][5]["quality"]), (&json!(0.004), &json!("uncertain")));
     let one = app.admin.get(&format!("{path}?from_m=5.022&view=0")).await.ok(200);
     assert_eq!((one["rows"].as_array().unwrap().len(), &one["rows"][0]["view"]), (1, &json!(0)));
     let buckets = app.admin.get(&format!("{path}?buckets=3")).await.ok(200);
     assert!(buckets["rows"].is_null());
     let buckets = buckets["buckets"].as_array().unwrap();
     assert_eq!(buckets[0]["strand_lay_mm"]["mean"], 137.0);
+    assert_eq!((&buckets[0]["diameter_mm"]["mean"], &buckets[1]["diameter_mm"]), (&json!(20.0), &Value::Null));
     assert_eq!((&buckets[1]["strand_lay_mm"], &buckets[1]["reason"]), (&Value::Null, &json!("too dark")));
     let csv = app.admin.send(app.admin.request("GET", &path).header("accept", "text/csv")).await;
     assert!(csv.header("content-type").starts_with("text/csv"));

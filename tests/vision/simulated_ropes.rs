@@ -128,3 +128,52 @@ fn the_lay_of_an_unknown_rope_is_found_in_a_picture_of_less_than_one() {
     // Single frames of nine ropes came out within 1.3 % of ordinary lay; half a bump more or less would be 10 %.
     assert!(strand.mean_abs < 0.02 * recipe.strand_lay_mm.abs(), "{strand:?}");
 }
+
+/// An oval rope with a neck, before cameras whose scale is known: 1.2 m, 31.36 mm in the middle instead of 32, 2 % oval.
+#[test]
+fn neck_and_ovality_of_a_rope_are_found() {
+    let recipe = Recipe { diameter_change: -0.02, ovality: 0.02, calibrated: true, ..small(4) };
+    let folder = tempfile::tempdir().unwrap();
+    let results = tempfile::tempdir().unwrap();
+    let scene = Scene::new(&recipe, 3).unwrap();
+    write_acquisition(&scene, folder.path(), |_| {}).unwrap();
+    let (acquisition, frames) = open_folder(folder.path()).unwrap();
+    let summary = inspect(&acquisition, &frames, &InspectOptions::default(), results.path(), &Quiet).unwrap();
+    let rows = ropescope::workers::results_folder::lay_lengths(results.path()).unwrap();
+    let fused: Vec<_> = rows.iter().filter(|row| row.view.is_none()).collect();
+    assert!(fused.len() >= 5);
+    for row in &fused {
+        let middle = (row.first_line + row.last_line) / 2;
+        let true_mm = scene.diameter_mm(scene.x_mm(middle));
+        // Edges of 290 px wide rope: half a pixel is 0.06 mm. The diameter changes over a stretch, too.
+        let (found, sd) = (row.diameter_mm.unwrap(), row.diameter_sd_mm.unwrap());
+        assert!((found - true_mm).abs() < 0.2 && sd < 0.15, "{found} sd {sd}, {true_mm} at line {middle}");
+        let (oval, sd) = (row.ovality_percent.unwrap(), row.ovality_sd_percent.unwrap());
+        assert!((oval - 2.0).abs() < 0.3 && sd < 0.3, "ovality {oval} sd {sd}");
+        assert!(row.strand_phase_sd_rad.unwrap() < 0.01 && row.strand_spread_rad.unwrap() < 0.05, "{row:?}");
+    }
+    // Opposite views see one diameter, views at right angles do not.
+    let of_view = |v| rows.iter().find(|row| row.view == Some(v)).and_then(|row| row.diameter_mm).unwrap();
+    assert!((of_view(0) - of_view(2)).abs() < 0.1 && of_view(0) - of_view(1) > 0.4);
+    let diameter = summary.diameter.unwrap();
+    assert!(diameter.absolute && (diameter.smallest_mm.position_m - 0.6).abs() < 0.11, "{diameter:?}");
+    // How it changes along the rope is known better than how thick it is.
+    let ends_mm = scene.diameter_mm(scene.x_mm((fused[0].first_line + fused[0].last_line) / 2));
+    let thinnest = fused.iter().min_by(|a, b| a.diameter_mm.unwrap().total_cmp(&b.diameter_mm.unwrap())).unwrap();
+    let thinnest_mm = scene.diameter_mm(scene.x_mm((thinnest.first_line + thinnest.last_line) / 2));
+    let change_mm = fused[0].diameter_mm.unwrap() - thinnest.diameter_mm.unwrap();
+    assert!((change_mm - (ends_mm - thinnest_mm)).abs() < 0.06, "{change_mm} instead of {}", ends_mm - thinnest_mm);
+}
+
+#[test]
+fn without_a_scale_diameters_are_relative_and_the_summary_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let results = tempfile::tempdir().unwrap();
+    write_acquisition(&Scene::new(&small(1), 4).unwrap(), folder.path(), |_| {}).unwrap();
+    let (acquisition, frames) = open_folder(folder.path()).unwrap();
+    let summary = inspect(&acquisition, &frames, &InspectOptions::default(), results.path(), &Quiet).unwrap();
+    let diameter = summary.diameter.unwrap();
+    assert!(!diameter.absolute && (diameter.mean_mm / 32.0 - 1.0).abs() < 0.01, "{diameter:?}");
+    assert_eq!(diameter.ovality_percent, None, "one camera sees one diameter");
+    assert!(summary.notes.iter().any(|note| note.contains("relative to the nominal diameter")), "{:?}", summary.notes);
+}
