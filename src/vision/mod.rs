@@ -147,7 +147,7 @@ pub mod sway;
 pub mod synthesis;
 pub mod tail;
 pub mod template;
-mod together;
+pub mod together;
 pub mod unwrapping;
 pub mod usual;
 mod width;
