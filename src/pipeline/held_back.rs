@@ -4,8 +4,8 @@
 //! this stretch. A threshold from such scores lets ten times as many false defects pass as it promises.
 
 use crate::vision::calibration::CalibrationSums;
-use crate::vision::evidence::Evidence;
 use crate::vision::inspection_model::ViewAppearance;
+use crate::vision::kept_evidence::KeptEvidence;
 
 use crate::vision::stretch_scores::{StretchScores, join_views};
 use rayon::prelude::*;
@@ -15,15 +15,16 @@ const PARTS: usize = 4;
 
 /// Evidence of intact stretches in one view, and what calibrates by it. Both `[stretch][factor]`.
 pub(super) struct Held {
-    evidence: Vec<Vec<Evidence>>,
+    evidence: Vec<Vec<KeptEvidence>>,
     sums: Vec<Vec<CalibrationSums>>,
 }
 
 impl Held {
     /// Filters every stretch once: every calibration needs the same sums.
-    pub fn new(evidence: Vec<Vec<Evidence>>, pitch_mm: f64) -> Self {
-        let of_stretch =
-            |factors: &Vec<Evidence>| factors.iter().map(|evidence| CalibrationSums::of(evidence, pitch_mm)).collect();
+    pub fn new(evidence: Vec<Vec<KeptEvidence>>, pitch_mm: f64) -> Self {
+        let of_stretch = |factors: &Vec<KeptEvidence>| {
+            factors.iter().map(|evidence| CalibrationSums::of(&evidence.unpacked(), pitch_mm)).collect()
+        };
         let sums = evidence.par_iter().map(of_stretch).collect();
         Self { evidence, sums }
     }
@@ -54,7 +55,7 @@ pub(super) fn cross_scored(
                 return None;
             }
             for s in (part..stretches).step_by(parts) {
-                scores[s] = Some(view.score(held.evidence[s].clone(), pitch_mm));
+                scores[s] = Some(view.score(held.evidence[s].iter().map(KeptEvidence::unpacked).collect(), pitch_mm));
             }
         }
         Some(scores)

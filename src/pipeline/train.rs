@@ -11,9 +11,10 @@ use super::passes::{Pass, Used};
 use super::results::Threshold;
 use super::training_range::{self, LearntFrom, TrainingRange};
 use super::{PipelineError, Progress};
-use crate::vision::evidence::{Evidence, block_lines};
+use crate::vision::evidence::block_lines;
 use crate::vision::factor::FACTORS;
 use crate::vision::inspection_model::ViewAppearance;
+use crate::vision::kept_evidence::KeptEvidence;
 use crate::vision::lasting::Lasting;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
@@ -74,10 +75,8 @@ impl TrainReport {
 
 /// Least rope that must be aligned, in m.
 const LEAST_M: f64 = 0.8;
-/// Memory for the evidence of stretches that calibrate.
-const MOST_EVIDENCE_BYTES: usize = 480_000_000;
-/// What evidence takes for a place of the unrolled rope: sum, count, region.
-const BYTES_PER_CELL: usize = 9;
+/// Memory for the evidence of stretches that calibrate; what is made of it takes half as much again.
+const MOST_EVIDENCE_BYTES: usize = 350_000_000;
 /// Fewest stretches that are kept, if there are as many.
 const LEAST_KEPT: usize = 6;
 
@@ -117,10 +116,11 @@ pub fn train(
 
     // Third pass: evidence of every fold by the others, for calibration and threshold.
     let kept = kept_stretches(&used, stretches);
-    let mut evidence: Vec<(&LearntView, Vec<Vec<Evidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
+    let mut evidence: Vec<(&LearntView, Vec<Vec<KeptEvidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
     let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
     pass(PASSES[2]).each_view(&mut evidence, keeps, |number, aligned, (view, stretches)| {
-        stretches.push(aligned.evidence(&view.by_others[fold_of(number)]));
+        let evidence = aligned.evidence(&view.by_others[fold_of(number)]);
+        stretches.push(evidence.into_iter().map(KeptEvidence::from).collect());
     })?;
     let held: Vec<Held> = evidence.into_iter().map(|(_, stretches)| Held::new(stretches, pitch_mm)).collect();
     let too_little = || too_little(aligned_m, 2.0 * LEAST_M);
@@ -177,7 +177,7 @@ fn kept_stretches(used: &[Used<'_>], stretches: usize) -> usize {
         let acquisition = used.range.acquisition;
         let places = acquisition.rope.strands() * acquisition.rope.wires() * PLACES_PER_WIRE;
         let cells = used.stretch_lines().div_ceil(block_lines(acquisition.line_pitch_mm)) * places;
-        cells * BYTES_PER_CELL * (FACTORS.len() + 1) * acquisition.view_angles_rad.len()
+        cells * KeptEvidence::BYTES_PER_PLACE * (FACTORS.len() + 1) * acquisition.view_angles_rad.len()
     };
     let most_bytes = used.iter().map(bytes).max().unwrap_or(1);
     stretches.min((MOST_EVIDENCE_BYTES / most_bytes).max(LEAST_KEPT))

@@ -118,6 +118,7 @@ mod grain;
 pub mod histogram;
 pub mod image;
 pub mod inspection_model;
+pub mod kept_evidence;
 pub mod kind;
 pub mod lasting;
 mod lock;
