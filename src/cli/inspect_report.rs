@@ -2,6 +2,7 @@
 
 use anyhow::Context;
 use ropescope::pipeline::Acquisition;
+use ropescope::pipeline::diameters::Place;
 use ropescope::pipeline::results::{DefectRow, Kind, LayLengthRow, Summary};
 use ropescope::workers::results_folder;
 use serde::Serialize;
@@ -126,12 +127,13 @@ impl fmt::Display for Report {
         }
         if let Some(diameter) = &s.diameter {
             let (smallest, largest) = (diameter.smallest_mm, diameter.largest_mm);
-            write!(
-                f,
-                "diameter    {:.2} mm ({:.2} at {:.2} m to {:.2} at {:.2} m",
-                diameter.mean_mm, smallest.value, smallest.position_m, largest.value, largest.position_m
-            )?;
-            writeln!(f, "{})", if diameter.absolute { "" } else { "; relative to the nominal one" })?;
+            write!(f, "diameter    {:.2} mm", diameter.mean_mm)?;
+            // A single stretch has no other to differ from.
+            if smallest.position_m != largest.position_m {
+                let place = |p: Place| format!("{:.2} at {:.2} m", p.value, p.position_m);
+                write!(f, " ({} to {})", place(smallest), place(largest))?;
+            }
+            writeln!(f, "{}", if diameter.absolute { "" } else { ", relative to the nominal one" })?;
             if let Some(oval) = &diameter.ovality_percent {
                 let (value, sd, position_m) = (oval.value, oval.sd, oval.position_m);
                 writeln!(f, "  ovality   up to {value:.2} %, sd {sd:.2} % (at {position_m:.2} m)")?;
