@@ -6,7 +6,6 @@
 use crate::vision::calibration::CalibrationSums;
 use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::kept_evidence::KeptEvidence;
-
 use crate::vision::stretch_scores::{StretchScores, join_views};
 use rayon::prelude::*;
 

@@ -6,7 +6,7 @@ use super::tables::write_error;
 use super::{Acquisition, PipelineError};
 use crate::vision::aligner::AlignedStretch;
 use crate::vision::diameter::WithSd;
-use crate::vision::estimates::{Estimates, StretchEstimate};
+use crate::vision::estimates::{Estimates, LayEstimate, StretchEstimate};
 use std::fs::File;
 use std::path::PathBuf;
 
@@ -45,18 +45,9 @@ fn filled(row: LayLengthRow, estimates: &Estimates) -> LayLengthRow {
         Some(_) => (None, None), // both take more than one view
     };
     let strand = estimate.and_then(|e| e.strand);
-    let wires: Vec<WireEstimate> = (0..row.wires.len())
-        .map(|j| {
-            let wire = estimate.and_then(|e| e.wires.get(j).copied().flatten());
-            WireEstimate {
-                lay_mm: wire.map(|w| w.lay_mm),
-                lay_sd_mm: wire.map(|w| w.lay_sd_mm),
-                phase_rad: wire.map(|w| w.phase_rad),
-                phase_sd_rad: wire.map(|w| w.phase_sd_rad),
-                score: wire.map(|w| w.score),
-            }
-        })
-        .collect();
+    let wire = |j: usize| estimate.and_then(|e| e.wires.get(j).copied().flatten());
+    let wires: Vec<WireEstimate> =
+        (0..row.wires.len()).map(|j| wire(j).map(wire_estimate).unwrap_or_default()).collect();
     let missing_wires = wires.iter().filter(|w| w.lay_mm.is_none()).count();
     let mut reasons = Vec::new();
     match (strand, missing_wires) {
@@ -84,6 +75,16 @@ fn filled(row: LayLengthRow, estimates: &Estimates) -> LayLengthRow {
         wires,
         reason: (!reasons.is_empty()).then(|| reasons.join("; ")),
         ..row
+    }
+}
+
+fn wire_estimate(wire: LayEstimate) -> WireEstimate {
+    WireEstimate {
+        lay_mm: Some(wire.lay_mm),
+        lay_sd_mm: Some(wire.lay_sd_mm),
+        phase_rad: Some(wire.phase_rad),
+        phase_sd_rad: Some(wire.phase_sd_rad),
+        score: Some(wire.score),
     }
 }
 

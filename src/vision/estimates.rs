@@ -74,8 +74,7 @@ pub struct Estimates {
     pub strand_phases_rad: Vec<f64>,
     /// `wire_phases_rad[knot * strands + j]` of wire 0; NaN where the wires of a strand are not known.
     pub wire_phases_rad: Vec<f64>,
-    /// Looseness: root mean square of the strands' deviations from their regular places in rad, without what noise adds; `None` if some
-    /// strand is not known.
+    /// Looseness: root mean square of the strands' deviations from their regular places in rad; `None` if some strand is not known.
     pub strand_spread_rad: Option<WithSd>,
     /// What the contours say of the diameter.
     pub diameters: Diameters,

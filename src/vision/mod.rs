@@ -84,7 +84,8 @@
 //! - [`residuals`]: what deviates from the expected gray; `gathering` reads it from the pixels, `expected_row` what they are expected to be
 //! - [`evidence`]: scores on the unrolled rope
 //! - [`filtering`]: their sums along the wires
-//! - [`scoring`]: sums made comparable
+//! - [`calibration`]: how those lie on intact rope, learnt from evidence that was held back ([`kept_evidence`])
+//! - [`scoring`]: sums made comparable; [`together`]: what factors say of a place that share their causes
 //! - [`stretch_scores`]: the scores of a stretch, and views joined
 //! - [`lasting`]: what is rare because it lasts
 //! - [`tail`]: where an alarm begins

@@ -32,7 +32,8 @@ impl Together {
         let factors = calibration.len();
         let asked: Vec<(usize, &FilterCalibration)> =
             calibration.iter().enumerate().filter_map(|(f, of)| Some((f, of.get(COMPARED)?.as_ref()?))).collect();
-        let mut places: Vec<Vec<f64>> = Vec::new();
+        let mut sums = Sums::of(asked.len());
+        let mut at_place = Vec::with_capacity(asked.len());
         for stretch in stretches {
             let rises =
                 asked.iter().filter_map(|(f, calibration)| Some(stretch.get(*f)?.rises(calibration).peekable()));
@@ -42,14 +43,14 @@ impl Together {
             }
             // Every factor is told at places of its own; those that all have in common are compared.
             while let Some(&(place, _)) = rises.iter_mut().map_while(|r| r.peek()).max_by_key(|(place, _)| *place) {
-                let mut at_place = Vec::with_capacity(rises.len());
+                at_place.clear();
                 for rises in &mut rises {
                     while rises.next_if(|(at, _)| *at < place).is_some() {}
                     let rise = rises.next_if(|(at, _)| *at == place);
                     at_place.extend(rise.map(|(_, rise)| f64::from(rise.clamp(COMPARED_RISES.0, COMPARED_RISES.1))));
                 }
                 if at_place.len() == asked.len() {
-                    places.push(at_place);
+                    sums.add(&at_place);
                 }
                 if rises.iter_mut().any(|r| r.peek().is_none()) {
                     break;
@@ -57,16 +58,9 @@ impl Together {
             }
         }
         let mut together = Self::apart(factors);
-        let n = places.len() as f64;
-        let mean = |a: usize| places.iter().map(|p| p[a]).sum::<f64>() / n;
-        let means: Vec<f64> = (0..asked.len()).map(mean).collect();
-        let product = |a: usize, b: usize| {
-            places.iter().map(|p| (p[a] - means[a]) * (p[b] - means[b])).sum::<f64>() / n
-                + if a == b { LEAST_VARIANCE } else { 0.0 }
-        };
         for (a, &(one, _)) in asked.iter().enumerate() {
             for (b, &(other, _)) in asked.iter().enumerate().skip(a + 1) {
-                let correlation = product(a, b) / (product(a, a) * product(b, b)).sqrt();
+                let correlation = sums.covariance(a, b) / (sums.covariance(a, a) * sums.covariance(b, b)).sqrt();
                 if correlation > 0.0 {
                     together.correlations[one][other] = correlation as f32;
                     together.correlations[other][one] = correlation as f32;
@@ -112,6 +106,34 @@ impl Together {
             support += if beyond > 0.0 { beyond } else { 0.0 };
         }
         scores[greatest] + SUPPORT * support
+    }
+}
+
+/// Sums over places of what is asked there, and of its products.
+struct Sums {
+    places: f64,
+    values: Vec<f64>,
+    /// `[one][other]`.
+    products: Vec<Vec<f64>>,
+}
+
+impl Sums {
+    fn of(asked: usize) -> Self {
+        Self { places: 0.0, values: vec![0.0; asked], products: vec![vec![0.0; asked]; asked] }
+    }
+
+    fn add(&mut self, at_place: &[f64]) {
+        self.places += 1.0;
+        for ((sum, products), one) in self.values.iter_mut().zip(&mut self.products).zip(at_place) {
+            *sum += one;
+            products.iter_mut().zip(at_place).for_each(|(product, other)| *product += one * other);
+        }
+    }
+
+    fn covariance(&self, a: usize, b: usize) -> f64 {
+        let mean = |k: usize| self.values[k] / self.places;
+        let least = if a == b { LEAST_VARIANCE } else { 0.0 };
+        self.products[a][b] / self.places - mean(a) * mean(b) + least
     }
 }
 

@@ -12,7 +12,8 @@ use std::path::PathBuf;
 ///
 /// Reads truth_lines.csv, truth_wires.csv and labels.json beside a recording, and lay_lengths.csv, displacement.csv,
 /// line_scores.csv and defects.json of a results folder; each is optional. Prints errors of lay lengths and displacement,
-/// how often the truth lies within the standard deviations of lay lengths, phases, diameter, ovality and looseness, the ROC of the lines per view and over all, the false alarms that 50 % recovery of the defects costs, and what the
+/// how often the truth lies within the stated standard deviations of lay lengths, phases, diameter, ovality and looseness,
+/// the ROC of the lines per view and over all, the false alarms that 50 % recovery of the defects costs, and what the
 /// decisions found, missed and cost in metres to inspect again.
 ///
 /// The commands below simulate ropes, inspect them and write a report with figures. (A recording of the name of a command is
