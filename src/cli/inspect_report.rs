@@ -50,7 +50,7 @@ impl fmt::Display for MeanLay {
         }
         write!(f, " ({} of {} estimates", self.estimates, self.of)?;
         match self.nominal_mm {
-            Some(nominal) => write!(f, "; nominal {nominal} mm)"),
+            Some(nominal) => write!(f, "; nominal {nominal:.2} mm)"),
             None => write!(f, ")"),
         }
     }
