@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-/// Line scores are decades of rarity; none is beyond this.
+/// Line scores are weighed sums of decades of rarity; none is beyond this.
 const MAX_LINE_SCORE: f64 = 1000.0;
 
 /// A threshold of a model.

@@ -9,13 +9,12 @@ use crate::vision::factor::FACTORS;
 use crate::vision::histogram::{CELLS, REGIONS};
 use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::lasting::Lasting;
-use crate::vision::together::Together;
 use crate::vision::usual::Usual;
 use serde::{Deserialize, Serialize};
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-const MAGIC: &[u8] = b"ropescope model 7\n";
+const MAGIC: &[u8] = b"ropescope model 8\n";
 /// How models of every version begin.
 const KIND: &[u8] = b"ropescope model ";
 /// Longest header that is read, in bytes.
@@ -51,8 +50,6 @@ struct Header {
     construction: Construction,
     /// `[view][factor][filter]`.
     calibration: Vec<Vec<Vec<Option<CalibrationNumbers>>>>,
-    /// Correlations of the factors, `[view][factor][factor]`.
-    together: Vec<Vec<Vec<f32>>>,
     /// Cut, from and rise of [`Lasting`].
     lasting: [f32; 3],
     /// Floats of the tables of the gray value.
@@ -103,7 +100,6 @@ impl Model {
                     v.calibration.iter().map(of_factor).collect()
                 })
                 .collect(),
-            together: self.views.iter().map(|v| v.together.correlations().to_vec()).collect(),
             lasting: [self.lasting.cut, self.lasting.from, self.lasting.rise],
             table_lens: TABLES,
         };
@@ -132,7 +128,7 @@ impl Model {
         let unusable = |reason: String| PipelineError::Model { path: path.into(), reason };
         let (header, rest) = read_header(path)?;
         let views = header.construction.views;
-        if header.table_lens != TABLES || header.calibration.len() != views || header.together.len() != views {
+        if header.table_lens != TABLES || header.calibration.len() != views {
             return Err(unusable(format!(
                 "its tables have {:?} entries, this version uses {TABLES:?}",
                 header.table_lens
@@ -146,7 +142,7 @@ impl Model {
         };
         let wrong_size = |what: &str| unusable(format!("its {what} has the wrong size"));
         let mut views = Vec::new();
-        for (factors, together) in header.calibration.iter().zip(header.together) {
+        for factors in &header.calibration {
             let [likelihood, score, expected] = TABLES;
             let gray = Appearance::from_tables([table(likelihood)?, table(score)?, table(expected)?]);
             let gray = gray.ok_or_else(|| wrong_size("appearance"))?;
@@ -158,9 +154,7 @@ impl Model {
             };
             let calibration = factors.iter().map(|filters| filters.iter().map(filter).collect());
             let calibration = calibration.collect::<Result<_, _>>()?;
-            let together = Together::from_correlations(together, FACTORS.len() + 1)
-                .ok_or_else(|| wrong_size("table of factors"))?;
-            views.push(ViewAppearance { gray, further, calibration, together });
+            views.push(ViewAppearance { gray, further, calibration });
         }
         let [cut, from, rise] = header.lasting;
         let lasting = Lasting { cut, from, rise };

@@ -55,8 +55,6 @@ impl FilterCalibration {
 pub struct CalibrationSums {
     /// `[filter]`.
     samples: Vec<Vec<Sample>>,
-    /// Which places those under [`COMPARED`] are of, in rising order.
-    compared: Vec<u32>,
     both_ways: bool,
 }
 
@@ -70,8 +68,6 @@ struct Sample {
 
 /// Fewest samples that calibrate a filter: two at the rarest level that is read off.
 const LEAST_SAMPLES: usize = 2000;
-/// Filter whose sums of one factor are compared with those of the others: all factors are asked under it.
-pub(super) const COMPARED: usize = 2;
 /// Every how many places one is kept: neighbours tell nearly the same, and memory must stay small.
 const SAMPLE_STRIDE: usize = 7;
 /// Samples of the whole surface that a region's own are mixed with: few of its own would mislead.
@@ -79,7 +75,7 @@ const COMMON_SAMPLES: f32 = 100.0;
 
 impl Default for CalibrationSums {
     fn default() -> Self {
-        Self { samples: vec![Vec::new(); FILTERS.len()], compared: Vec::new(), both_ways: false }
+        Self { samples: vec![Vec::new(); FILTERS.len()], both_ways: false }
     }
 }
 
@@ -92,35 +88,25 @@ impl CalibrationSums {
             for (k, sum, pixels, region) in filtered.seen() {
                 if (first + k).is_multiple_of(SAMPLE_STRIDE) && pixels > 0.0 {
                     sums.samples[filtered.filter].push(Sample { sum, pixels, region: region as u8 });
-                    if filtered.filter == COMPARED {
-                        sums.compared.push((first + k) as u32);
-                    }
                 }
             }
         });
         sums
     }
 
-    /// Adds what another stretch gathered; which places it was no longer counts.
+    /// Adds what another stretch gathered.
     pub fn join(&mut self, other: &Self) {
         self.both_ways = other.both_ways;
         self.samples.iter_mut().zip(&other.samples).for_each(|(all, samples)| all.extend_from_slice(samples));
     }
 
-    /// Calibrates every filter that was asked and has enough samples. `None` if there is none.
+    /// Calibrates every filter that has enough samples. `None` if there is none.
     pub fn calibrate(mut self) -> Option<Vec<Option<FilterCalibration>>> {
         let both_ways = self.both_ways;
         let enough =
             |samples: &mut Vec<Sample>| (samples.len() >= LEAST_SAMPLES).then(|| calibrate(samples, both_ways));
         let calibrations: Vec<_> = self.samples.iter_mut().map(enough).collect();
         calibrations.iter().any(Option::is_some).then_some(calibrations)
-    }
-
-    /// Places under [`COMPARED`] that are judged, in rising order, each with its rise on intact rope.
-    pub(super) fn rises(&self, calibration: &FilterCalibration) -> impl Iterator<Item = (u32, f32)> {
-        let least = LEAST_SHARE * calibration.pixels as f32;
-        let places = self.compared.iter().zip(&self.samples[COMPARED]);
-        places.filter(move |(_, s)| s.pixels >= least).map(|(&place, s)| (place, calibration.rise(s)))
     }
 }
 

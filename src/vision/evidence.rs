@@ -14,7 +14,7 @@ use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::SurfaceMap;
 use super::usual::Usual;
-use std::ops::{Range, RangeInclusive};
+use std::ops::Range;
 
 /// Length of a block along the rope in mm: finer than the smallest gap of interest.
 pub const BLOCK_MM: f64 = 0.5;
@@ -31,13 +31,12 @@ pub struct Filter {
 /// No mean score comes near this.
 const UNCUT: f32 = 1e3;
 
-/// The filters. The longer a filter, the less a single place may say: a broken end must not raise a centimetre of sound rope on
-/// either side of it.
-pub const FILTERS: [Filter; 4] = [
+/// The filters. What is longer than the longest is seen block after block (`lasting`). A single place may say less in the longest:
+/// a broken end must not raise a centimetre of sound rope on either side of it.
+pub const FILTERS: [Filter; 3] = [
     Filter { length_mm: 1.5, cut: UNCUT },
     Filter { length_mm: 4.0, cut: UNCUT },
     Filter { length_mm: 12.0, cut: 2.0 },
-    Filter { length_mm: 40.0, cut: 1.0 },
 ];
 /// Region of places that no pixel fell into.
 pub const UNSEEN: u8 = u8::MAX;
@@ -53,8 +52,6 @@ pub struct Evidence {
     pub strands: usize,
     /// Places per strand.
     pub places: usize,
-    /// Lengths of the filters that are asked in mm.
-    pub(super) lengths_mm: RangeInclusive<f64>,
     /// Whether sums far below zero are as unusual as sums far above.
     pub(super) both_ways: bool,
     pub(super) sums: Vec<f32>,
@@ -106,7 +103,7 @@ impl Evidence {
     /// Scores a further factor of the appearance at every place of the unrolled rope.
     pub fn of_factor(residuals: &Residuals, factor: Factor, usual: &Usual, pitch_mm: f64) -> Self {
         let (blocks, strands, places) = (residuals.blocks, residuals.strands, residuals.places);
-        let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places, factor.lengths_mm());
+        let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places);
         evidence.both_ways = factor.both_ways();
         residuals.for_each_strand(factor, pitch_mm, |at, cells, values| {
             let counted = evidence.sums[at.clone()].iter_mut().zip(&mut evidence.counts[at.clone()]);
@@ -125,20 +122,13 @@ impl Evidence {
     }
 
     /// Empty evidence of so many blocks.
-    pub(super) fn empty(
-        block_lines: usize,
-        blocks: usize,
-        strands: usize,
-        places: usize,
-        lengths_mm: RangeInclusive<f64>,
-    ) -> Self {
+    pub(super) fn empty(block_lines: usize, blocks: usize, strands: usize, places: usize) -> Self {
         let len = blocks * strands * places;
         Self {
             block_lines,
             blocks,
             strands,
             places,
-            lengths_mm,
             both_ways: false,
             sums: vec![0.0; len],
             counts: vec![0.0; len],

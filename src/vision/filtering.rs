@@ -3,7 +3,7 @@
 //! More than half of the strands are on the other side of the rope. So it is done strand by strand, for the blocks in which the strand
 //! passes through the view, and what is summed stays in the processor's cache.
 
-use super::evidence::{Evidence, FILTERS, Filter, UNSEEN};
+use super::evidence::{Evidence, FILTERS, UNSEEN};
 use super::surface_map::PLACES_PER_WIRE;
 use std::ops::Range;
 
@@ -78,18 +78,16 @@ impl Evidence {
         first..first + self.places
     }
 
-    /// Calls `each` with what falls under every filter that is asked.
+    /// Calls `each` with what falls under every filter.
     pub fn filtered(&self, pitch_mm: f64, steps: Steps, mut each: impl FnMut(Filtered<'_>)) {
         let block_mm = self.block_lines as f64 * pitch_mm;
-        let asked: Vec<(usize, Filter)> =
-            FILTERS.into_iter().enumerate().filter(|(_, filter)| self.lengths_mm.contains(&filter.length_mm)).collect();
-        let farthest = asked.iter().map(|(_, filter)| half_blocks(filter.length_mm, block_mm)).max().unwrap_or(0);
+        let farthest = FILTERS.map(|filter| half_blocks(filter.length_mm, block_mm)).into_iter().max().unwrap_or(0);
         let (mut pixels, mut sums) = (Rows::default(), Rows::default());
         let (mut under_sums, mut under_pixels) = (vec![0.0f32; self.row()], vec![0.0f32; self.row()]);
         for (strand, blocks) in self.passes(2 * farthest + 1) {
             pixels.across::<HALF_PLACES>(self, strand, blocks.clone(), |_, n| n);
             let mut cut_at: Option<f32> = None;
-            for &(number, filter) in &asked {
+            for (number, filter) in FILTERS.into_iter().enumerate() {
                 // Filters of one cut stand side by side and share what they sum across the wires.
                 if cut_at != Some(filter.cut) {
                     sums.across::<HALF_PLACES>(self, strand, blocks.clone(), |sum, n| {
@@ -243,7 +241,7 @@ mod tests {
 
     /// Two strands: the first is seen twice, the second never.
     fn evidence() -> Evidence {
-        let mut evidence = Evidence::empty(block_lines(PITCH_MM), BLOCKS, 2, PLACES, 0.0..=40.0);
+        let mut evidence = Evidence::empty(block_lines(PITCH_MM), BLOCKS, 2, PLACES);
         for block in (20..90).chain(150..380) {
             for place in (0..12).chain(25..PLACES) {
                 let score = ((block * 31 + place * 17) % 23) as f32 / 4.0 - 2.0;

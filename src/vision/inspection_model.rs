@@ -5,15 +5,14 @@ use super::calibration::{CalibrationSums, FilterCalibration};
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
-use super::factor::FACTORS;
+use super::factor::{FACTORS, Factor, GRAY_WEIGHT};
 use super::histogram::Histogram;
 use super::residuals::Residuals;
 use super::rope::Rope;
-use super::scoring::score;
+use super::scoring::{Weighed, score};
 use super::stretch::ViewStretch;
 use super::stretch_scores::StretchScores;
 use super::surface_map::SurfaceMap;
-use super::together::Together;
 use super::usual::{Moments, Usual};
 
 /// What one view learnt.
@@ -23,11 +22,9 @@ pub struct ViewAppearance {
     pub gray: Appearance,
     /// The further factors, in the order of [`FACTORS`].
     pub further: Vec<Usual>,
-    /// Calibration of the filters of the gray value and of every further factor, `[factor][filter]`: `None` for filters that are not
-    /// asked, empty for factors that are not.
+    /// Calibration of the filters of the gray value and of every further factor, `[factor][filter]`: `None` for filters that
+    /// too little rope was seen for, empty for factors that are not asked.
     pub calibration: Vec<Vec<Option<FilterCalibration>>>,
-    /// How far the factors go together, the gray value first.
-    pub together: Together,
 }
 
 /// One view of an aligned stretch.
@@ -84,7 +81,7 @@ impl ViewAppearance {
     /// Joins what was learnt; it is not calibrated yet.
     pub fn new(gray: Appearance, further: &[Moments]) -> Self {
         let further = further.iter().map(Usual::learn).collect();
-        Self { gray, further, calibration: Vec::new(), together: Together::default() }
+        Self { gray, further, calibration: Vec::new() }
     }
 
     /// Third pass: calibrates every filter of every factor on stretches of intact rope (`[stretch][factor]`).
@@ -97,13 +94,14 @@ impl ViewAppearance {
             sums.calibrate().unwrap_or_default()
         };
         self.calibration = (0..=self.further.len()).map(of_factor).collect();
-        self.together = Together::learn(stretches, &self.calibration);
         self.calibration.first().is_some_and(|gray| !gray.is_empty())
     }
 
     /// Scores the evidence of a stretch.
     pub fn score(&self, evidence: Vec<Evidence>, pitch_mm: f64) -> StretchScores {
-        let factors: Vec<_> = evidence.into_iter().zip(self.calibration.iter().map(|c| &c[..])).collect();
-        score(&factors, &self.together, pitch_mm)
+        let weights = std::iter::once(GRAY_WEIGHT).chain(FACTORS.into_iter().map(Factor::weight));
+        let factors = evidence.into_iter().zip(&self.calibration).zip(weights);
+        let weighed = factors.map(|((evidence, calibration), weight)| Weighed { evidence, calibration, weight });
+        score(&weighed.collect::<Vec<_>>(), pitch_mm)
     }
 }

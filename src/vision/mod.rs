@@ -85,7 +85,7 @@
 //! - [`evidence`]: scores on the unrolled rope
 //! - [`filtering`]: their sums along the wires
 //! - [`calibration`]: how those lie on intact rope, learnt from evidence that was held back ([`kept_evidence`])
-//! - [`scoring`]: sums made comparable; [`together`]: what factors say of a place that share their causes
+//! - [`scoring`]: sums made comparable, and what all factors say of a place
 //! - [`stretch_scores`]: the scores of a stretch, and views joined
 //! - [`lasting`]: what is rare because it lasts
 //! - [`tail`]: where an alarm begins
@@ -149,7 +149,6 @@ pub mod sway;
 pub mod synthesis;
 pub mod tail;
 pub mod template;
-pub mod together;
 pub mod unwrapping;
 pub mod usual;
 mod width;

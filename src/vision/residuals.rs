@@ -4,7 +4,7 @@ use super::appearance::{Appearance, GrayScale};
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
-use super::factor::{Factor, GRAY_LENGTHS_MM};
+use super::factor::Factor;
 use super::gathering::{Changes, Gathering, Line, Sums};
 use super::grain::Grain;
 use super::histogram::region;
@@ -63,7 +63,7 @@ impl Residuals {
         let (lines, width) = (view.image.lines(), view.image.width());
         let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
         let blocks = lines.div_ceil(block_lines);
-        let mut evidence = Evidence::empty(block_lines, blocks, strands, places, GRAY_LENGTHS_MM);
+        let mut evidence = Evidence::empty(block_lines, blocks, strands, places);
         let mut residuals = Self::empty(block_lines, blocks, strands, places);
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
         let mut map = SurfaceMap::new(rope, camera, estimates, width);

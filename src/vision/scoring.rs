@@ -1,14 +1,30 @@
-//! Turns filtered evidence into one comparable score: how rare such evidence is on intact rope. [extends Wacker13, sec. 5]
+//! Turns filtered evidence into one comparable score: how much intact rope speaks against it. [extends Wacker13, sec. 5]
 //!
 //! Every filter has its own noise, so each is calibrated on intact rope that was held back from learning: sums over many pixels
 //! vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2). The upper tail of the
-//! normalised sums is close to exponential; a score of 3 means "one in 10^3 such places on intact rope", and so on.
+//! normalised sums is close to exponential: a finding of 3 means "one in 10^3 such places on intact rope", and so on. What all
+//! factors find under all filters is weighed and added up.
 
 use super::calibration::{FilterCalibration, LEAST_SHARE, normalised};
 use super::evidence::{Evidence, UNSEEN};
 use super::filtering::{Filtered, Steps, TOGETHER};
 use super::stretch_scores::StretchScores;
-use super::together::Together;
+
+/// Finding that is usual: one place in sixteen of intact rope has it. What is beyond counts.
+const USUAL: f32 = 1.2;
+/// Farthest beyond that a single finding counts.
+const MOST: f32 = 12.0;
+
+/// The evidence of one factor, and what it takes to judge it.
+#[derive(Debug)]
+pub struct Weighed<'a> {
+    /// The evidence.
+    pub evidence: Evidence,
+    /// Calibration of every filter; `None` for those that are not asked.
+    pub calibration: &'a [Option<FilterCalibration>],
+    /// What a finding counts.
+    pub weight: f32,
+}
 
 /// A calibration made ready to judge block after block.
 struct Judge {
@@ -16,12 +32,13 @@ struct Judge {
     shared: f32,
     both_ways: bool,
     from: f32,
-    /// `[region]`: where scores rise from and how fast; what was not seen lies in none, and NaN raises nothing.
+    weight: f32,
+    /// `[region]`: where findings rise from and how fast; what was not seen lies in none.
     levels: [(f32, f32); UNSEEN as usize + 1],
 }
 
 impl Judge {
-    fn new(calibration: &FilterCalibration) -> Self {
+    fn new(calibration: &FilterCalibration, weight: f32) -> Self {
         let per_decade = 1.0 / (calibration.one_in_1000 - calibration.one_in_100).max(0.05) as f32;
         let of_region = |region: usize| {
             let level = calibration.regions.get(region);
@@ -31,17 +48,18 @@ impl Judge {
             least: LEAST_SHARE * calibration.pixels as f32,
             shared: calibration.shared as f32,
             both_ways: calibration.both_ways,
-            from: 2.0 - calibration.one_in_100 as f32 * per_decade,
+            from: 2.0 - calibration.one_in_100 as f32 * per_decade - USUAL,
+            weight,
             levels: std::array::from_fn(of_region),
         }
     }
 
-    /// Raises `highest` to the scores of what was filtered: minus the decimal logarithm of how often intact rope exceeds it.
-    /// Where too few pixels fell in, nothing is said.
-    fn raise(&self, highest: &mut [f32], filtered: &Filtered<'_>) {
+    /// Adds to `scores` what was found beyond the usual: minus the decimal logarithm of how often intact rope exceeds it, weighed. A
+    /// score that is NaN until then becomes known; where too few pixels fell in, it stays as it is.
+    fn add(&self, scores: &mut [f32], filtered: &Filtered<'_>) {
         let places = filtered.sums.as_chunks::<TOGETHER>().0.iter().zip(filtered.pixels.as_chunks::<TOGETHER>().0);
-        let places = places.zip(filtered.regions.chunks(TOGETHER)).zip(highest.chunks_mut(TOGETHER));
-        for (((sums, pixels), regions), highest) in places {
+        let places = places.zip(filtered.regions.chunks(TOGETHER)).zip(scores.chunks_mut(TOGETHER));
+        for (((sums, pixels), regions), scores) in places {
             if regions.iter().all(|&region| region == UNSEEN) {
                 continue; // on the other side
             }
@@ -50,65 +68,57 @@ impl Judge {
             for (normal, (&sum, &n)) in normal.iter_mut().zip(sums.iter().zip(pixels)) {
                 *normal = normalised(sum, n, self.shared);
             }
-            for (highest, ((&normal, &n), &region)) in highest.iter_mut().zip(normal.iter().zip(pixels).zip(regions)) {
+            for (score, ((&normal, &n), &region)) in scores.iter_mut().zip(normal.iter().zip(pixels).zip(regions)) {
                 let (middle, rise) = self.levels[usize::from(region)];
                 let above = (normal - middle) * rise;
-                let score = self.from + if self.both_ways { above.abs() } else { above };
-                let judged = if n >= self.least { score } else { UNJUDGED };
-                *highest = if judged > *highest { judged } else { *highest };
+                let beyond = self.from + if self.both_ways { above.abs() } else { above };
+                // NaN, where nothing is seen, counts as 0: there is no score in the end.
+                let counts = if beyond > 0.0 { if beyond < MOST { beyond } else { MOST } } else { 0.0 };
+                let before = if score.is_nan() { 0.0 } else { *score };
+                *score = if n >= self.least { before + self.weight * counts } else { *score };
             }
         }
     }
 }
 
-/// Scores the evidence of a stretch, one entry a factor, under all filters: the rarest finding counts,
-/// supported by what other factors find at the same place.
-pub fn score(
-    factors: &[(Evidence, &[Option<FilterCalibration>])],
-    together: &Together,
-    pitch_mm: f64,
-) -> StretchScores {
-    let Some((first, _)) = factors.first() else {
+/// Scores the evidence of a stretch, one entry a factor: what all of them find under all filters, added up.
+pub fn score(factors: &[Weighed<'_>], pitch_mm: f64) -> StretchScores {
+    let Some(first) = factors.first().map(|weighed| &weighed.evidence) else {
         return StretchScores::new(Vec::new(), Vec::new(), 1, 1, 1);
     };
     let row = first.strands * first.places;
     let cells = first.blocks * row;
-    let mut of_block = vec![UNJUDGED; first.places];
-    let mut of_factors = vec![vec![UNJUDGED; cells]; factors.len()];
-    for ((evidence, calibration), of_factor) in factors.iter().zip(&mut of_factors) {
-        let judges: Vec<Option<Judge>> = calibration.iter().map(|c| c.as_ref().map(Judge::new)).collect();
+    // In the order of the evidence, in which a strand's blocks lie side by side.
+    let mut found = vec![f32::NAN; cells];
+    let mut of_block = vec![f32::NAN; first.places];
+    for Weighed { evidence, calibration, weight } in factors {
+        let judges: Vec<Option<Judge>> =
+            calibration.iter().map(|c| c.as_ref().map(|c| Judge::new(c, *weight))).collect();
         evidence.filtered(pitch_mm, Steps::Thinned, |filtered| {
             let Some(Some(judge)) = judges.get(filtered.filter) else { return };
             if filtered.stands_for.len() == 1 {
-                judge.raise(&mut of_factor[evidence.of(filtered.block, filtered.strand)], &filtered);
+                judge.add(&mut found[evidence.of(filtered.block, filtered.strand)], &filtered);
                 return;
             }
-            of_block.fill(UNJUDGED);
-            judge.raise(&mut of_block, &filtered);
+            of_block.fill(f32::NAN);
+            judge.add(&mut of_block, &filtered);
             for block in filtered.stands_for {
-                for (highest, &score) in of_factor[evidence.of(block, filtered.strand)].iter_mut().zip(&of_block) {
-                    *highest = if score > *highest { score } else { *highest };
+                for (score, &add) in found[evidence.of(block, filtered.strand)].iter_mut().zip(&of_block) {
+                    let sum = if score.is_nan() { add } else { *score + add };
+                    *score = if add.is_nan() { *score } else { sum };
                 }
             }
         });
     }
     let mut scored = vec![f32::NAN; cells];
-    let mut of_place = vec![UNJUDGED; factors.len()];
     for (strand, block) in (0..first.strands).flat_map(|strand| (0..first.blocks).map(move |block| (strand, block))) {
         for (to, at) in scored[first.of_scores(block, strand)].iter_mut().zip(first.of(block, strand)) {
-            if first.regions[at] == UNSEEN {
-                continue; // what stands for its neighbours may stand for places that are not seen
-            }
-            of_place.iter_mut().zip(&of_factors).for_each(|(score, of_factor)| *score = of_factor[at]);
-            let score = together.score(&of_place);
-            *to = if score == UNJUDGED { f32::NAN } else { score };
+            // What stands for its neighbours may stand for places that are not seen.
+            *to = if first.regions[at] == UNSEEN { f32::NAN } else { found[at] };
         }
     }
     StretchScores::new(scored, first.seen(pitch_mm), row, first.places, first.block_lines)
 }
-
-/// Score of cells that no filter judged, while scores are gathered.
-const UNJUDGED: f32 = f32::NEG_INFINITY;
 
 #[cfg(test)]
 mod tests {
@@ -122,7 +132,7 @@ mod tests {
     /// A strand of chance values, with a run of `raised` along one wire.
     fn strand(seed: u32, both_ways: bool, raised: f32) -> Evidence {
         let mut state = seed;
-        let mut evidence = Evidence::empty(block_lines(PITCH_MM), 900, 1, PLACES, 4.0..=12.0);
+        let mut evidence = Evidence::empty(block_lines(PITCH_MM), 900, 1, PLACES);
         evidence.both_ways = both_ways;
         for block in 0..evidence.blocks {
             for place in 0..PLACES {
@@ -138,8 +148,8 @@ mod tests {
     /// Highest score of the run, and of the rest.
     fn scores(both_ways: bool, raised: f32) -> (f32, f32) {
         let calibration = CalibrationSums::of(&strand(7, both_ways, 0.0), PITCH_MM).calibrate().unwrap();
-        let together = Together::from_correlations(vec![vec![1.0]], 1).unwrap();
-        let blocks = score(&[(strand(8, both_ways, raised), &calibration)], &together, PITCH_MM).highest();
+        let weighed = Weighed { evidence: strand(8, both_ways, raised), calibration: &calibration, weight: 1.0 };
+        let blocks = score(&[weighed], PITCH_MM).highest();
         let highest = |blocks: &[f32]| blocks.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         (highest(&blocks[605..615]), highest(&blocks[..580]))
     }
