@@ -38,8 +38,14 @@ pub struct Diameters {
     pub ovality_percent: Option<WithSd>,
 }
 
-/// Diameters of a stretch that was aligned.
-pub(super) fn diameters(spec: &AlignerSpec, views: &mut Views, here: &Measured, reference: &Reference) -> Diameters {
+/// Diameters of a stretch that was aligned; `error_ratio` is what their mean errs by over what it states.
+pub(super) fn diameters(
+    spec: &AlignerSpec,
+    views: &mut Views,
+    here: &Measured,
+    reference: &Reference,
+    error_ratio: f64,
+) -> Diameters {
     let depths_mm = depths_mm(spec, views, here);
     let mut seen: Vec<Option<WithSd>> = here
         .views
@@ -74,7 +80,7 @@ pub(super) fn diameters(spec: &AlignerSpec, views: &mut Views, here: &Measured, 
     let (mean, ovality_percent) = joined(&seen, &spec.view_angles_rad);
     Diameters {
         views: seen.into_iter().map(|d| d.map(with_edges)).collect(),
-        mean: mean.map(with_edges),
+        mean: mean.map(|mean| with_edges(WithSd { sd: mean.sd * error_ratio, ..mean })),
         ovality_percent: ovality_percent.map(|oval| {
             // Cameras and their light are alike, but not the same: half of it may differ.
             let edges = if spec.calibrated_px_per_mm.is_empty() { 0.0 } else { EDGES_PX / 2.0 * 2f64.sqrt() };

@@ -3,6 +3,7 @@
 use super::aligner::{AlignerSpec, Measured, Views};
 use super::courses::{JointCourses, StrandCourses, courses_of_view, joint_courses};
 use super::diameter::{Diameters, WithSd, diameters};
+use super::error_ratios::ErrorRatios;
 use super::looseness::spread;
 use super::smoothing::Course;
 use super::wire_tracking::coherence;
@@ -154,9 +155,13 @@ pub(super) fn estimate(
             strand.phase_sd_rad *= scale;
         }
     }
+    let ratios = ErrorRatios::of(here.views.len(), &fused);
+    // A view alone keeps its word; where there is no other, it is what all say together.
+    let alone = if here.views.len() == 1 { &mut per_view[..] } else { &mut [] };
+    alone.iter_mut().chain([&mut fused]).for_each(|estimate| ratios.make_good(estimate));
     let strands: Vec<&Course> = fused_courses.iter().filter_map(|courses| courses.strand.as_ref()).collect();
     let strand_spread_rad = spread(&strands, knots, &strand_phases_rad, step, views.agreement.scale());
-    let diameters = diameters(spec, views, here, reference);
+    let diameters = diameters(spec, views, here, reference, ratios.diameter);
     Ok(Estimates {
         fused,
         views: per_view,

@@ -15,7 +15,7 @@ const PLACES: usize = 5;
 /// Share of its deviation that a single strand is followed by, and how far that is known: registration takes neighbours to stand still,
 /// which hide and shade it. Measured on simulated ropes of 12 constructions: 0.89 to 1.01.
 const FOLLOWED: f64 = 0.95;
-const FOLLOWED_SD: f64 = 0.06;
+const FOLLOWED_SD: f64 = 0.065;
 
 /// Root mean square of the strands' deviations from their regular places in rad over `knots`. `phases_rad[knot * strands + j]` are those of the
 /// stretch; `None` if not all strands are known. `scale` is the factor on the courses' standard deviations.

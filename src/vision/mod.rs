@@ -71,7 +71,8 @@
 //! - [`aligner`]: stretch after stretch
 //! - [`diameter`]: diameter and ovality from opposite contours, whose `width` is followed block by block and, where the scale was measured,
 //!   turned into mm by `calibrated_width`; `looseness`: how far strands are from their regular places
-//! - [`estimates`]: lay lengths with their uncertainty, or why there are none; `agreement`: whether the views bear it out
+//! - [`estimates`]: lay lengths with their uncertainty, or why there are none; `agreement`: whether the views bear it out; `error_ratios`: whether
+//!   simulated ropes do
 //!
 //! The appearance:
 //! - [`surface_map`]: theta of every pixel (eq. 16-17)
@@ -108,6 +109,7 @@ mod edge_search;
 mod edge_strip;
 mod edge_tracker;
 mod encoder;
+mod error_ratios;
 pub mod estimates;
 pub mod evidence;
 mod expected_row;
