@@ -1,9 +1,10 @@
 //! Smoothed courses of the strands and their wires over consecutive stretches.
 
 use super::aligner::{AlignerSpec, Measured};
+use super::course::Course;
 use super::encoder::{EncoderCourse, EncoderEvidence};
 use super::estimates::measured_rate;
-use super::smoothing::{Chain, Course, CoursePrior, Measurement, Observation, smooth};
+use super::smoothing::{Chain, CoursePrior, Measurement, Observation, smooth};
 use super::stretch::fuse;
 use super::wire_prediction::WirePrediction;
 use rayon::prelude::*;

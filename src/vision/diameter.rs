@@ -10,7 +10,8 @@
 
 use super::aligner::{AlignerSpec, Measured, Views};
 use super::calibrated_width::{EDGES_PX, calibrated};
-use super::stretch::{Reference, ViewStretch};
+use super::reference::Reference;
+use super::stretch::ViewStretch;
 use super::width::{block_ratios, straight};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::f64::consts::PI;

@@ -172,7 +172,8 @@ fn precision(nodes: usize, node_mm: f64, wander: f64) -> Option<DMatrix<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::smoothing::{Course, CoursePrior, Measurement, Observation};
+    use crate::vision::course::Course;
+    use crate::vision::smoothing::{CoursePrior, Measurement, Observation};
 
     const KNOTS: usize = 120;
     const SPACING_MM: f64 = 5.0;

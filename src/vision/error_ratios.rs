@@ -29,16 +29,12 @@ const ONE_VIEW: ErrorRatios =
     ErrorRatios { strand_lay: 1.05, strand_phase: 1.0, wire_lay: 1.0, wire_phase: 1.2, diameter: 1.0 };
 
 impl ErrorRatios {
-    /// Those of a rope that so many cameras look at, of which this was estimated.
-    pub fn of(cameras: usize, estimate: &StretchEstimate) -> Self {
-        let turns_with = |strand_mm: f64| {
-            let wires: f64 = estimate.wires.iter().flatten().map(|wire| wire.lay_mm.signum()).sum();
-            wires * strand_mm >= 0.0
-        };
-        match &estimate.strand {
-            _ if cameras == 1 => ONE_VIEW,
-            Some(strand) if !turns_with(strand.lay_mm) => ORDINARY,
-            _ => LANG,
+    /// Those of a rope that so many cameras look at, with the wires laid against its strands or with them.
+    pub fn of(cameras: usize, ordinary: bool) -> Self {
+        match (cameras, ordinary) {
+            (1, _) => ONE_VIEW,
+            (_, true) => ORDINARY,
+            (_, false) => LANG,
         }
     }
 
@@ -60,31 +56,21 @@ mod tests {
     use super::*;
     use crate::vision::estimates::LayEstimate;
 
-    fn estimate(strand_mm: f64, wires_mm: [f64; 3]) -> StretchEstimate {
-        let of = |lay_mm| Some(LayEstimate { lay_mm, lay_sd_mm: 1.0, phase_rad: 0.0, phase_sd_rad: 1.0, score: 1.0 });
-        StretchEstimate { strand: of(strand_mm), wires: wires_mm.into_iter().map(of).collect() }
-    }
-
-    #[test]
-    fn ropes_are_told_apart_by_their_hands_and_cameras() {
-        let ordinary = estimate(-220.0, [95.0, 96.0, 95.0]);
-        assert_eq!(ErrorRatios::of(4, &ordinary), ORDINARY);
-        assert_eq!(ErrorRatios::of(1, &ordinary), ONE_VIEW);
-        assert_eq!(ErrorRatios::of(4, &estimate(-245.0, [-88.0, -88.0, 87.0])), LANG);
-        assert_eq!(ErrorRatios::of(4, &StretchEstimate::default()), LANG);
-    }
-
     #[test]
     fn every_deviation_is_made_good_by_its_own_ratio() {
-        let mut told = estimate(-220.0, [95.0, 96.0, 95.0]);
-        ORDINARY.make_good(&mut told);
+        let of = |lay_mm| Some(LayEstimate { lay_mm, lay_sd_mm: 2.0, phase_rad: 0.0, phase_sd_rad: 3.0, score: 1.0 });
+        let mut told = StretchEstimate { strand: of(220.0), wires: vec![of(-95.0), None, of(-96.0)] };
+        ErrorRatios::of(4, true).make_good(&mut told);
         let strand = told.strand.unwrap();
-        assert_eq!((strand.lay_sd_mm, strand.phase_sd_rad), (ORDINARY.strand_lay, ORDINARY.strand_phase));
-        assert!(
-            told.wires
-                .iter()
-                .flatten()
-                .all(|w| (w.lay_sd_mm, w.phase_sd_rad) == (ORDINARY.wire_lay, ORDINARY.wire_phase))
-        );
+        assert_eq!((strand.lay_sd_mm, strand.phase_sd_rad), (2.0 * ORDINARY.strand_lay, 3.0 * ORDINARY.strand_phase));
+        let wires = (2.0 * ORDINARY.wire_lay, 3.0 * ORDINARY.wire_phase);
+        assert!(told.wires.iter().flatten().all(|wire| (wire.lay_sd_mm, wire.phase_sd_rad) == wires));
+        assert_eq!(strand.lay_mm, 220.0);
+    }
+
+    #[test]
+    fn ropes_are_told_apart_by_their_lay_and_their_cameras() {
+        assert_eq!([ErrorRatios::of(4, true), ErrorRatios::of(2, false)], [ORDINARY, LANG]);
+        assert_eq!([ErrorRatios::of(1, true), ErrorRatios::of(1, false)], [ONE_VIEW; 2]);
     }
 }

@@ -1,11 +1,11 @@
 //! Lay lengths and phases of a stretch, looseness and diameter, each with its uncertainty, or the reason why there is none.
 
 use super::aligner::{AlignerSpec, Measured, Views};
+use super::course::Course;
 use super::courses::{JointCourses, StrandCourses, courses_of_view, joint_courses};
 use super::diameter::{Diameters, WithSd, diameters};
 use super::error_ratios::ErrorRatios;
 use super::looseness::spread;
-use super::smoothing::Course;
 use super::wire_tracking::coherence;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -155,7 +155,7 @@ pub(super) fn estimate(
             strand.phase_sd_rad *= scale;
         }
     }
-    let ratios = ErrorRatios::of(here.views.len(), &fused);
+    let ratios = ErrorRatios::of(here.views.len(), reference.is_ordinary());
     // A view alone keeps its word; where there is no other, it is what all say together.
     let alone = if here.views.len() == 1 { &mut per_view[..] } else { &mut [] };
     alone.iter_mut().chain([&mut fused]).for_each(|estimate| ratios.make_good(estimate));

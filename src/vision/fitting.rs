@@ -2,8 +2,9 @@
 
 use super::aligner::{AlignerSpec, LEAST_FOUND, LEAST_SCORE, Measured};
 use super::estimates::NotAligned;
+use super::reference::Reference;
 use super::strand_alignment::{StrandAlignment, polish, search};
-use super::stretch::{Reference, ViewModel};
+use super::stretch::ViewModel;
 
 /// How far the lay length may change from one stretch to the next before it is searched anew, as a share.
 const RELOCK_TOLERANCE: f64 = 0.06;

@@ -5,8 +5,8 @@
 //! the deviations may be is that of their means and their variance. Without the variance, a view that sees badly would call every
 //! rope tight.
 
+use super::course::Course;
 use super::diameter::WithSd;
-use super::smoothing::Course;
 use nalgebra::DMatrix;
 
 /// Places of a stretch at which the courses' covariances are asked: deviations change over a few rope diameters.

@@ -2,11 +2,12 @@
 
 use super::aligner::{AlignerSpec, LEAST_FOUND, Measured, Views};
 use super::camera::Camera;
+use super::course::Course;
 use super::courses::{StrandCourses, strand_courses, with};
 use super::outline_detail::OutlineDetail;
+use super::reference::Reference;
 use super::shade::Shade;
-use super::smoothing::Course;
-use super::stretch::{Reference, ViewStretch, register_views, strand_knots};
+use super::stretch::{ViewStretch, register_views, strand_knots};
 use super::unwrapping::{FARTHEST_RAD, Stripes, read_stripes};
 use super::wire_lock::{LEAST_COHERENCE, search_wires};
 use super::wire_pattern::WirePattern;

@@ -65,10 +65,11 @@
 //! - [`wire_pattern`]: what wires add to the look of the strands
 //!
 //! The loop: stretches in, estimates out:
-//! - [`stretch`]: a stretch of rope in all views, and what is measured in it
+//! - [`stretch`]: a stretch of rope in all views, and what is measured in it; [`reference`]: where strands and wires are taken to be meanwhile
 //! - `lock`: finding the rope in the first stretches
 //! - `courses`: strands and their wires solved for together; `encoder`: what the line counter gets wrong
-//! - [`aligner`]: stretch after stretch
+//! - `noise_scale`: whether measurements scatter as they state
+//! - [`aligner`]: stretch after stretch, of an acquisition that `aligner_spec` describes
 //! - [`diameter`]: diameter and ovality from opposite contours, whose `width` is followed block by block and, where the scale was measured,
 //!   turned into mm by `calibrated_width`; `looseness`: how far strands are from their regular places
 //! - [`estimates`]: lay lengths with their uncertainty, or why there are none; `agreement`: whether the views bear it out; `error_ratios`: whether
@@ -94,6 +95,7 @@
 
 mod agreement;
 pub mod aligner;
+mod aligner_spec;
 pub mod appearance;
 mod banded;
 mod calibrated_width;
@@ -101,6 +103,7 @@ pub mod calibration;
 pub mod camera;
 pub mod camera_distance;
 pub mod contour;
+pub mod course;
 mod courses;
 pub mod defects;
 pub mod diameter;
@@ -128,7 +131,9 @@ mod lock;
 mod looseness;
 mod measuring;
 pub mod model_contour;
+mod noise_scale;
 pub mod outline_detail;
+pub mod reference;
 pub mod registration;
 pub mod render;
 pub mod residuals;

@@ -4,9 +4,10 @@
 //! near side repeats with every strand, so the rate at which a mean over all strands explains the picture best is the rope's.
 
 use super::aligner::{AlignerSpec, Measured};
+use super::reference::Reference;
 use super::registration::CUT;
 use super::strand_alignment::StrandAlignment;
-use super::stretch::{Reference, ViewModel, ViewStretch};
+use super::stretch::{ViewModel, ViewStretch};
 use super::template::{PhaseBin, Template, TemplateSums, normalised_line, phase_bin};
 
 /// How far from the contours' rate is searched, as a share, and in how many steps to either side.

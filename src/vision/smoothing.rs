@@ -6,6 +6,7 @@
 //! as the slope over a stretch, gets its own standard deviation.
 
 use super::banded::Banded;
+use super::course::{Course, Spread};
 use super::encoder::EncoderCourse;
 use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2};
 use std::sync::Arc;
@@ -175,26 +176,9 @@ impl<const S: usize> Chain<S> {
         let states: Vec<_> = self.priors.iter().enumerate().map(|(part, prior)| of(part, prior)).collect();
         let spacing_mm = self.spacing_mm();
         let chain: Arc<dyn Spread> = Arc::new(self);
-        let course =
-            |(part, states)| Course { spacing_mm, states, chain: chain.clone(), encoder: encoder.cloned(), part };
+        let course = |(part, states)| Course::new(spacing_mm, states, chain.clone(), encoder.cloned(), part);
         states.into_iter().enumerate().map(course).collect()
     }
-}
-
-/// Answers for the uncertainty of what was smoothed together.
-trait Spread: std::fmt::Debug + Send + Sync {
-    /// Variance of the sum of `weight * phase of part at knot` over consecutive knots from `first` on, were the encoder's error known,
-    /// and how this sum changes with the nodes of that error.
-    fn spread(
-        &self,
-        part: usize,
-        first: usize,
-        weights: &[f64],
-        encoder: Option<&EncoderCourse>,
-    ) -> (f64, DVector<f64>);
-
-    /// Covariance of the phases of a part at some knots, were the encoder's error known.
-    fn covariance(&self, part: usize, knots: &[usize]) -> DMatrix<f64>;
 }
 
 impl<const S: usize> Spread for Chain<S> {
@@ -231,95 +215,6 @@ impl<const S: usize> Spread for Chain<S> {
         }
         covariance
     }
-}
-
-/// Smoothed phase at every knot, and what answers for its uncertainty.
-#[derive(Debug, Clone)]
-pub struct Course {
-    spacing_mm: f64,
-    states: Vec<Vector2<f64>>,
-    /// Shared by the courses that were smoothed together; this is the one of number `part`.
-    chain: Arc<dyn Spread>,
-    encoder: Option<Arc<EncoderCourse>>,
-    part: usize,
-}
-
-impl Course {
-    /// Number of knots.
-    pub fn len(&self) -> usize {
-        self.states.len()
-    }
-
-    /// True without knots.
-    pub fn is_empty(&self) -> bool {
-        self.states.is_empty()
-    }
-
-    /// Phase at a knot in rad.
-    pub fn phase_rad(&self, knot: usize) -> f64 {
-        self.states[knot][0]
-    }
-
-    /// Rate at a knot in rad/mm.
-    pub fn rate_rad_per_mm(&self, knot: usize) -> f64 {
-        self.states[knot][1]
-    }
-
-    /// Regression slope of the phase over `knots` in rad/mm: what a lay length is (2 pi/slope).
-    pub fn slope_rad_per_mm(&self, knots: std::ops::Range<usize>) -> f64 {
-        slope_weights(knots.len(), self.spacing_mm).zip(knots).map(|(w, k)| w * self.states[k][0]).sum()
-    }
-
-    /// Variance of the phase at a knot in rad^2.
-    pub fn phase_variance(&self, knot: usize) -> f64 {
-        Self::mean_variance(&[self], knot, &[1.0])
-    }
-
-    /// Covariance of the phases at some knots in rad^2, but for the encoder's error, which is the same for all courses.
-    pub fn phase_covariance(&self, knots: &[usize]) -> DMatrix<f64> {
-        self.chain.covariance(self.part, knots)
-    }
-
-    /// Variance of the mean phase of several courses at a knot in rad^2.
-    pub fn mean_phase_variance(courses: &[&Self], knot: usize) -> f64 {
-        Self::mean_variance(courses, knot, &[1.0])
-    }
-
-    /// Variance of [`Self::slope_rad_per_mm`] in rad^2/mm^2.
-    pub fn slope_variance(&self, knots: std::ops::Range<usize>) -> f64 {
-        Self::mean_slope_variance(&[self], knots)
-    }
-
-    /// Variance of the mean slope of several courses in rad^2/mm^2. The encoder's error is the same for all, so it does not average out.
-    pub fn mean_slope_variance(courses: &[&Self], knots: std::ops::Range<usize>) -> f64 {
-        let Some(first) = courses.first() else { return f64::INFINITY };
-        let weights: Vec<f64> = slope_weights(knots.len(), first.spacing_mm).collect();
-        Self::mean_variance(courses, knots.start, &weights)
-    }
-
-    fn mean_variance(courses: &[&Self], first: usize, weights: &[f64]) -> f64 {
-        let n = courses.len() as f64;
-        let mut variance = 0.0;
-        let mut shared: Option<(&EncoderCourse, DVector<f64>)> = None;
-        for course in courses {
-            let encoder = course.encoder.as_deref();
-            let (own, changes) = course.chain.spread(course.part, first, weights, encoder);
-            variance += own / (n * n);
-            match (&mut shared, encoder) {
-                (Some((_, sum)), Some(_)) => *sum += changes / n,
-                (shared, Some(encoder)) => *shared = Some((encoder, changes / n)),
-                (_, None) => {}
-            }
-        }
-        variance + shared.map_or(0.0, |(encoder, changes)| encoder.variance(&changes))
-    }
-}
-
-/// Weights that turn equally spaced values into their regression slope.
-pub fn slope_weights(n: usize, spacing_mm: f64) -> impl Iterator<Item = f64> {
-    let middle = (n as f64 - 1.0) / 2.0;
-    let squares = n as f64 * (n as f64 * n as f64 - 1.0) / 12.0;
-    (0..n).map(move |k| (k as f64 - middle) / (squares * spacing_mm))
 }
 
 #[cfg(test)]

@@ -6,8 +6,9 @@
 //! over a few strands the image says it better, but strands that move and dirt lead it astray slowly, which is a course
 //! of its own.
 
+use super::course::Course;
 use super::displacement::AxisReadings;
-use super::smoothing::{Chain, Course, CoursePrior, Measurement, Observation, smooth};
+use super::smoothing::{Chain, CoursePrior, Measurement, Observation, smooth};
 
 /// How ropes sway: spectral density of the change of the axis's slope, times the cube of the rope's diameter, as a share of its
 /// squared width. A choice: waves of three diameters and more are followed where contours err as usual.

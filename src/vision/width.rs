@@ -1,9 +1,10 @@
 //! Width of the outline over a stretch against the model's, block by block, and how far that can be relied on.
 
 use super::diameter::WithSd;
+use super::reference::Reference;
 use super::registration::{SIDES_RAD, strand_at_side};
 use super::rope::Rope;
-use super::stretch::{Reference, ViewModel, ViewStretch};
+use super::stretch::{ViewModel, ViewStretch};
 
 /// Length of a block in rope diameters: several wires' bumps, a fraction of a strand's pitch.
 const BLOCK_DIAMETERS: f64 = 0.5;

@@ -23,7 +23,9 @@ async fn a_card_shows_a_defect_with_what_intact_rope_would_look_like() {
     let inspect = json!({ "kind": "inspect", "acquisition_id": acquisition, "model_id": model });
     let inspection = admin.run(inspect).await["result"]["inspection_id"].as_str().unwrap().to_owned();
     let found = admin.get(&format!("inspections/{inspection}/defects")).await.ok(200);
-    let defect = found["items"][0]["defect_id"].as_str().unwrap();
+    // So generous a budget also reports places that hardly stand out: the surest of all glows.
+    let surest = found["items"].as_array().unwrap().iter().find(|item| item["rank"] == 1).unwrap();
+    let defect = surest["defect_id"].as_str().unwrap();
 
     let path = format!("defects/{defect}/card.png");
     let card = admin.get(&path).await;
