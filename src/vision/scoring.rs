@@ -63,17 +63,18 @@ impl Judge {
             if regions.iter().all(|&region| region == UNSEEN) {
                 continue; // on the other side
             }
-            // Roots and quotients side by side first: the look-up after them can only be made one by one.
-            let mut normal = [0.0f32; TOGETHER];
-            for (normal, (&sum, &n)) in normal.iter_mut().zip(sums.iter().zip(pixels)) {
-                *normal = normalised(sum, n, self.shared);
+            // What can only be looked up one by one first, so that the rest is reckoned side by side.
+            let (mut middles, mut rises) = ([0.0f32; TOGETHER], [f32::NAN; TOGETHER]);
+            for ((middle, rise), &region) in middles.iter_mut().zip(&mut rises).zip(regions) {
+                (*middle, *rise) = self.levels[usize::from(region)];
             }
-            for (score, ((&normal, &n), &region)) in scores.iter_mut().zip(normal.iter().zip(pixels).zip(regions)) {
-                let (middle, rise) = self.levels[usize::from(region)];
-                let above = (normal - middle) * rise;
+            let places = sums.iter().zip(pixels).zip(middles.iter().zip(&rises));
+            for (score, ((&sum, &n), (middle, rise))) in scores.iter_mut().zip(places) {
+                let above = (normalised(sum, n, self.shared) - middle) * rise;
                 let beyond = self.from + if self.both_ways { above.abs() } else { above };
                 // NaN, where nothing is seen, counts as 0: there is no score in the end.
-                let counts = if beyond > 0.0 { if beyond < MOST { beyond } else { MOST } } else { 0.0 };
+                let counts = if beyond > 0.0 { beyond } else { 0.0 };
+                let counts = if counts < MOST { counts } else { MOST };
                 let before = if score.is_nan() { 0.0 } else { *score };
                 *score = if n >= self.least { before + self.weight * counts } else { *score };
             }
