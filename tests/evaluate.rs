@@ -52,3 +52,20 @@ fn absent_results_are_said_to_be_absent() {
     let error = evaluate(&folder().join("recording"), &empty.path().join("no"), 0).unwrap_err();
     assert!(error.to_string().contains("no such results folder"), "{error}");
 }
+
+#[test]
+fn a_reader_that_has_had_enough_is_no_failure() {
+    // The reading end is closed before anything is printed, as `head` closes it after a few lines.
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    for form in [&[][..], &["--json"]] {
+        let ran = std::process::Command::new(env!("CARGO_BIN_EXE_ropescope"))
+            .arg("evaluate")
+            .args([folder().join("recording"), folder().join("results")])
+            .args(form)
+            .stdout(writer.try_clone().unwrap())
+            .output()
+            .unwrap();
+        assert!(ran.status.success() && ran.stderr.is_empty(), "{}", String::from_utf8_lossy(&ran.stderr));
+    }
+}

@@ -65,7 +65,7 @@
 //! - [`wire_pattern`]: what wires add to the look of the strands
 //!
 //! The loop: stretches in, estimates out:
-//! - [`stretch`]: a stretch of rope in all views, and what is measured in it; [`reference`]: where strands and wires are taken to be meanwhile
+//! - [`stretch`]: a stretch of rope in all views, and what is measured in it; [`mod@reference`]: where strands and wires are taken to be meanwhile
 //! - `lock`: finding the rope in the first stretches
 //! - `courses`: strands and their wires solved for together; `encoder`: what the line counter gets wrong
 //! - `noise_scale`: whether measurements scatter as they state
