@@ -1,6 +1,6 @@
 //! Evidence that lasts along the rope: abrasion, arcs and rust show on one wire after the other, each a little unusual.
 //!
-//! The highest score of a block is that of the rarest of some hundred places, and varies from block to block. Its mean over a few
+//! The highest score of a block is that of the most unusual of some hundred places, and varies from block to block. Its mean over a few
 //! centimetres varies much less, so what is no rarer than intact rope in any block may be rare in all of them together. Single
 //! high scores are cut before, or every break would last for centimetres.
 
