@@ -2,6 +2,7 @@
 
 use super::given_contours;
 use super::inspect_report::Report;
+use super::printing::print_result;
 use super::recording::Recording;
 use super::results_out::ResultsOut;
 use super::run_progress::{Watcher, say};
@@ -9,7 +10,6 @@ use anyhow::ensure;
 use clap::ValueEnum;
 use ropescope::pipeline::results::{LineScoreFormat, Threshold};
 use ropescope::pipeline::{InspectOptions, inspect};
-use std::io::Write;
 use std::path::PathBuf;
 
 /// Stages of the pipeline, in order.
@@ -104,11 +104,5 @@ pub(crate) fn run(args: InspectArgs) -> anyhow::Result<()> {
     let summary = inspected?;
     results.put_in_place()?;
     let report = Report::gather(&args.out, &recording.acquisition, summary)?;
-    let mut out = std::io::stdout().lock();
-    if args.json {
-        writeln!(out, "{}", serde_json::to_string(&report)?)?;
-    } else {
-        write!(out, "{report}")?;
-    }
-    Ok(())
+    if args.json { print_result(serde_json::to_string(&report)? + "\n") } else { print_result(report) }
 }

@@ -9,6 +9,7 @@ mod inspect;
 mod inspect_report;
 mod live;
 mod logs;
+mod printing;
 mod recording;
 mod results_out;
 mod retention;
@@ -56,13 +57,6 @@ enum Command {
     Healthcheck(healthcheck::HealthcheckArgs),
 }
 
-/// True if who reads what a command prints has had enough of it, as `head` has.
-fn reader_gone(error: &anyhow::Error) -> bool {
-    let printing = error.downcast_ref::<std::io::Error>().map(std::io::Error::kind);
-    let kind = printing.or_else(|| error.downcast_ref::<serde_json::Error>()?.io_error_kind());
-    kind == Some(std::io::ErrorKind::BrokenPipe)
-}
-
 /// Runs the command. Exit codes: 0 done, 1 failed, 2 wrong arguments (clap's), 130 stopped by Ctrl-C; `upload` has more.
 pub(crate) fn run() -> ExitCode {
     let outcome = match Cli::parse().command {
@@ -84,7 +78,6 @@ pub(crate) fn run() -> ExitCode {
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) if reader_gone(&error) => ExitCode::SUCCESS,
         Err(error) if matches!(error.downcast_ref(), Some(PipelineError::Cancelled)) => {
             run_progress::say("ropescope: stopped; nothing was written");
             ExitCode::from(run_progress::INTERRUPTED)

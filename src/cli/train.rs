@@ -1,5 +1,6 @@
 //! `ropescope train`.
 
+use super::printing::print_result;
 use super::run_progress::{Watcher, say};
 use super::train_ranges::{Bound, TrainFolder, from_m, to_m, wrong_count};
 use anyhow::{Context, bail, ensure};
@@ -9,7 +10,6 @@ use ropescope::pipeline::learning_curve::sentence;
 use ropescope::pipeline::train::{PASSES, is_model};
 use ropescope::pipeline::{Budget, TrainReport, train};
 use serde_json::json;
-use std::io::Write;
 use std::path::PathBuf;
 
 /// Learns how intact rope looks and writes it as a model.
@@ -94,13 +94,11 @@ pub(crate) fn run(args: TrainArgs) -> anyhow::Result<()> {
     watcher.done();
     let report = trained?;
     let bytes = std::fs::metadata(&args.out).with_context(|| args.out.display().to_string())?.len();
-    let mut out = std::io::stdout().lock();
     if args.json {
-        writeln!(out, "{}", json!({"event": "done", "model": args.out, "bytes": bytes, "report": report}))?;
-    } else {
-        write!(out, "{}", summary(&args, &report, folders[0].recording.acquisition.view_angles_rad.len(), bytes))?;
+        let done = json!({"event": "done", "model": args.out, "bytes": bytes, "report": report});
+        return print_result(format_args!("{done}\n"));
     }
-    Ok(())
+    print_result(summary(&args, &report, folders[0].recording.acquisition.view_angles_rad.len(), bytes))
 }
 
 /// Ends the program as wrong arguments do if bounds cannot be matched to folders.

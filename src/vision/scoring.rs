@@ -75,11 +75,16 @@ impl Judge {
                 // NaN, where nothing is seen, counts as 0: there is no score in the end.
                 let counts = if beyond > 0.0 { beyond } else { 0.0 };
                 let counts = if counts < MOST { counts } else { MOST };
-                let before = if score.is_nan() { 0.0 } else { *score };
-                *score = if n >= self.least { before + self.weight * counts } else { *score };
+                *score = if n >= self.least { sum_of_known(*score, self.weight * counts) } else { *score };
             }
         }
     }
+}
+
+/// The sum, of which nothing is known yet while it is NaN, and what is added to it.
+#[inline]
+fn sum_of_known(sum: f32, add: f32) -> f32 {
+    if sum.is_nan() { add } else { sum + add }
 }
 
 /// Scores the evidence of a stretch, one entry a factor: what all of them find under all filters, added up.
@@ -105,8 +110,7 @@ pub fn score(factors: &[Weighed<'_>], pitch_mm: f64) -> StretchScores {
             judge.add(&mut of_block, &filtered);
             for block in filtered.stands_for {
                 for (score, &add) in found[evidence.of(block, filtered.strand)].iter_mut().zip(&of_block) {
-                    let sum = if score.is_nan() { add } else { *score + add };
-                    *score = if add.is_nan() { *score } else { sum };
+                    *score = if add.is_nan() { *score } else { sum_of_known(*score, add) };
                 }
             }
         });

@@ -4,8 +4,8 @@ mod alignment;
 mod detection;
 mod provenance;
 
+use super::printing::print_result;
 use ropescope::evaluate::evaluate;
-use std::io::Write;
 use std::path::PathBuf;
 
 /// Scores results against truth, or runs the paper's experiments.
@@ -54,12 +54,5 @@ pub(crate) fn run(args: EvaluateArgs) -> anyhow::Result<()> {
         anyhow::bail!("evaluate needs DIR and RESULTS");
     };
     let evaluation = evaluate(&recording, &results, args.skip_lines)?;
-    let mut out = std::io::stdout().lock();
-    if args.json {
-        serde_json::to_writer_pretty(&mut out, &evaluation)?;
-        writeln!(out)?;
-    } else {
-        write!(out, "{evaluation}")?;
-    }
-    Ok(())
+    if args.json { print_result(serde_json::to_string_pretty(&evaluation)? + "\n") } else { print_result(evaluation) }
 }

@@ -89,10 +89,10 @@ fn sections(page: &mut Page, judged: &Judged) {
     page.paragraph(
         "Over all views; a defect is recovered if half of it alarms in its best view. Rope to look at again: everything within 5 cm \
          round a line that alarms in any view, as the paper counts it (103 of 395 m there), true alarms included. This is by single \
-         lines; the program reports defects, which are runs of lines merged over views: see below. Filters along the wire, and means of scores that last, reach up \
-         to 15 mm beyond a defect and its label's margin is 2 mm, so beside a defect intact lines alarm with it; the closer defects \
-         lie, the more of all intact lines those are. *Far false lines* are of intact lines more than 5 cm from any label: they \
-         compare with a rope on which defects are rare.",
+         lines; the program reports defects, which are runs of lines merged over views: see below. Filters along the wire, and means of \
+         scores that last, reach up to 15 mm beyond a defect and its label's margin is 2 mm, so beside a defect intact lines alarm \
+         with it; the closer defects lie, the more of all intact lines those are. *Far false lines* are of intact lines more than \
+         5 cm from any label: they compare with a rope on which defects are rare.",
     );
     tables::costs(page, judged);
     tables::decisions(page, judged);
