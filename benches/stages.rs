@@ -13,6 +13,7 @@ use ropescope::vision::camera::Camera;
 use ropescope::vision::contour::extract;
 use ropescope::vision::estimates::Estimates;
 use ropescope::vision::evidence::{block_lines, learn};
+use ropescope::vision::gathering::Judged;
 use ropescope::vision::histogram::{Histogram, SIGMA_BINS};
 use ropescope::vision::image::GrayImage;
 use ropescope::vision::registration::{Knots, register};
@@ -119,7 +120,8 @@ fn stages(criterion: &mut Criterion) {
     });
     group.bench_function("evidence", |b| {
         b.iter(|| {
-            Residuals::gather(rope, camera, estimates, black_box(view), &appearance, block_lines, known.spec.pitch_mm)
+            let gray = (&appearance, Judged::Nothing);
+            Residuals::gather(rope, camera, estimates, black_box(view), gray, block_lines, known.spec.pitch_mm)
         });
     });
     group.finish();

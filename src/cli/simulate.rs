@@ -139,6 +139,9 @@ pub(crate) struct SimulateArgs {
     /// Harmless scratches per metre [default: 3]
     #[arg(long, value_name = "N", help_heading = "Service")]
     scratches_per_m: Option<f64>,
+    /// Harmless foreign matter, pieces per metre: flakes of tar, lumps of grease, beads of water [default: 0]
+    #[arg(long, value_name = "N", help_heading = "Service")]
+    debris_per_m: Option<f64>,
     /// Brightness, 1 is as usual [default: 1]
     #[arg(long, value_name = "RATIO", help_heading = "Service")]
     exposure: Option<f64>,
@@ -201,7 +204,7 @@ impl SimulateArgs {
         take!(metres, strand_lay_mm, wire_lay_mm, strand_lay_drift_mm, wire_lay_drift_mm, drift_wave_m);
         take!(strand_jitter_rad, line_pitch_mm, frame_lines, sensor_px, rope_width_px, camera_distance_mm, start_m);
         take!(gray_noise, contour_noise_px, bad_columns, oscillation_px, encoder_jitter_mm, dirt, oil_spots_per_m);
-        take!(water, scratches_per_m, exposure, light_drift, vignetting, defects, defect_free_m);
+        take!(water, scratches_per_m, debris_per_m, exposure, light_drift, vignetting, defects, defect_free_m);
         if let Some(views) = self.views {
             recipe.view_angles_deg = Recipe::evenly_spaced(views);
         }

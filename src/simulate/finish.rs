@@ -1,6 +1,7 @@
 //! How intact rope in service looks: dirt, oil, water, harmless scratches. All of it is fixed to the rope's surface, so that
 //! every view that sees a place sees the same.
 
+use super::foreign::{self, Cover, Piece};
 use super::noise::{Along, LineNoise};
 use super::recipe::Recipe;
 use rand::Rng;
@@ -36,6 +37,8 @@ pub struct Coat {
     pub gloss: f32,
     /// 1 where the round wire is worn flat along the rope's surface.
     pub flat: f32,
+    /// What lies over it.
+    pub cover: Cover,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,6 +71,7 @@ pub struct Finish {
     water: f32,
     radius_mm: f64,
     marks: Vec<Mark>,
+    foreign: Vec<Piece>,
 }
 
 /// The finish of one line.
@@ -75,6 +79,7 @@ pub struct Finish {
 pub struct LineFinish<'a> {
     finish: &'a Finish,
     marks: Vec<Mark>,
+    foreign: Vec<Piece>,
     x_mm: f64,
     grime: LineNoise,
     patch: LineNoise,
@@ -96,8 +101,8 @@ fn ease(t: f32) -> f32 {
 }
 
 impl Finish {
-    /// The finish that a recipe asks for.
-    pub fn random(rng: &mut impl Rng, recipe: &Recipe) -> Self {
+    /// The finish that a recipe asks for; foreign matter by chances of its own.
+    pub fn random(rng: &mut impl Rng, foreign: &mut impl Rng, recipe: &Recipe) -> Self {
         let seed = rng.random();
         let mut marks = Vec::new();
         let kinds = [
@@ -126,7 +131,14 @@ impl Finish {
         }
         marks.sort_by(|a, b| a.x_mm.total_cmp(&b.x_mm));
         let (dirt, water) = (recipe.dirt as f32, recipe.water as f32);
-        Self { seed, dirt, water, radius_mm: recipe.diameter_mm / 2.0, marks }
+        Self {
+            seed,
+            dirt,
+            water,
+            radius_mm: recipe.diameter_mm / 2.0,
+            marks,
+            foreign: foreign::pieces(foreign, recipe),
+        }
     }
 
     /// The finish at `x_mm`.
@@ -138,11 +150,16 @@ impl Finish {
             .filter(|m| (m.x_mm - x_mm).abs() <= m.half_x_mm + m.half_across_mm)
             .copied()
             .collect();
+        let (from, to) = (
+            foreign::first_from(&self.foreign, x_mm - MARK_REACH_MM),
+            foreign::first_from(&self.foreign, x_mm + MARK_REACH_MM),
+        );
         let round_mm = TAU * self.radius_mm;
         let (grime_ring, patch_ring) = ((round_mm / 11.0).ceil() as i32, (round_mm / 2.7).ceil() as i32);
         LineFinish {
             finish: self,
             marks,
+            foreign: self.foreign[from..to].iter().filter(|piece| piece.reaches(x_mm)).copied().collect(),
             x_mm,
             grime: LineNoise::ring(Along::at(x_mm, 31.0), grime_ring),
             patch: LineNoise::ring(Along::at(x_mm, 5.3), patch_ring),
@@ -171,6 +188,7 @@ impl LineFinish<'_> {
             albedo: (1.0 - 0.7 * dirt) * (1.0 + 0.2 * streak + (0.1 + 0.35 * f.dirt) * grain),
             gloss: (1.0 - 0.85 * dirt) * (1.0 + 1.3 * streak + 0.4 * grain),
             flat: 0.0,
+            cover: Cover::NONE,
         };
         if f.dirt > 0.0 {
             let speck = self.speck.at(own ^ 5, place.arc_mm * 2.1);
@@ -186,6 +204,9 @@ impl LineFinish<'_> {
         }
         for mark in &self.marks {
             mark.put_on(&mut coat, self.x_mm, place.rope_angle_rad, f.radius_mm);
+        }
+        if let Some(cover) = self.foreign.iter().find_map(|piece| piece.cover(place, f.radius_mm)) {
+            coat.cover = cover;
         }
         coat
     }

@@ -2,6 +2,7 @@
 
 use super::cross_section::CrossSection;
 use super::finish::Coat;
+use super::foreign::Cover;
 use crate::vision::rope::Rope;
 
 type Vector = [f32; 3];
@@ -30,6 +31,8 @@ pub struct Lamps([Lamp; 3]);
 
 /// Light that comes from everywhere.
 const AMBIENT: f32 = 0.16;
+/// How narrow highlights of foreign matter are: an exponent.
+const COVER_SHARPNESS: i32 = 45;
 /// Directions and strengths: two lamps beside the camera, a weaker one above it.
 const LAMPS: [(Vector, f32); 3] =
     [([0.28, -0.62, -0.75], 0.52), ([-0.22, 0.58, -0.80], 0.44), ([0.05, 0.06, -1.0], 0.30)];
@@ -100,6 +103,19 @@ impl Lamps {
         }
         openness * (0.55 * diffuse * coat.albedo + highlight * coat.gloss)
     }
+
+    /// Light where foreign matter lies on a wire that would answer with `of_wire`. The rope's surface faces `outward` (y, z) in the cut.
+    pub fn on_cover(&self, cover: &Cover, of_wire: f32, outward: [f32; 2], lit: [f32; 3]) -> f32 {
+        let [along, round] = cover.lean;
+        let n = unit([along, outward[0] - round * outward[1], outward[1] + round * outward[0]]);
+        let mut diffuse = AMBIENT * (0.55 - 0.45 * n[2]);
+        let mut highlight = 0.0;
+        for (lamp, strength) in self.0.iter().zip(lit) {
+            diffuse += strength * dot(n, lamp.to_lamp).max(0.0);
+            highlight += strength * dot(n, lamp.halfway).max(0.0).powi(COVER_SHARPNESS);
+        }
+        of_wire + cover.share * (0.55 * diffuse * cover.albedo - of_wire) + highlight * cover.gleam
+    }
 }
 
 impl Shadows {
@@ -140,7 +156,7 @@ mod tests {
     fn a_wire_is_brightest_where_it_faces_camera_and_lamps() {
         let lamps = Lamps::new(1.0);
         let wire = lamps.on_wire(0.1, 0.0);
-        let coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0 };
+        let coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0, cover: Cover::NONE };
         let gray = |angle: f32| lamps.shade(&wire, [angle.sin(), -angle.cos()], &coat, 1.0, [0.52, 0.44, 0.30]);
         assert!(gray(0.0) > 1.3 * gray(0.9) && gray(0.0) > 1.3 * gray(-0.9));
         assert!(gray(0.0) < 1.2 && gray(1.5) > 0.02);

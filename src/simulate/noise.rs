@@ -14,6 +14,8 @@ pub enum Stream {
     Motion,
     /// Dirt, oil, water, scratches.
     Finish,
+    /// Foreign matter.
+    Foreign,
     /// Kind, place and severity of defects.
     Defects,
     /// Fixed pattern of the sensor of a view.
@@ -37,6 +39,7 @@ pub fn generator(seed: u64, stream: Stream) -> ChaCha8Rng {
         Stream::Motion => 2,
         Stream::Finish => 3,
         Stream::Defects => 4,
+        Stream::Foreign => 5,
         Stream::Sensor(view) => 0x100 + view as u64,
         Stream::Contours(view) => 0x200 + view as u64,
         Stream::Frame { view, frame } => (1 << 48) | ((view as u64) << 40) | frame as u64,

@@ -4,6 +4,7 @@ use super::background::Backdrop;
 use super::cross_section::CrossSection;
 use super::defects::{self, Defect};
 use super::finish::{Coat, Place};
+use super::foreign::Cover;
 use super::light::{Lamps, Shadows, WireLight};
 use super::noise::{GaussianStream, Stream};
 use super::scene::Scene;
@@ -166,14 +167,15 @@ impl<'a> LinePainter<'a> {
         let lit = self.shadows.lit(&self.lamps, hit.place.strand, hit.point);
         let valley = hit.place.valley;
         let mut normal = hit.normal;
+        let outward = [hit.point[0] - self.cut.axis.0 as f32, hit.point[1] - self.cut.axis.1 as f32];
+        let length = length_of(outward).max(1e-6);
+        let outward = outward.map(|o| o / length);
         if coat.flat > 0.0 {
-            let outward = [hit.point[0] - self.cut.axis.0 as f32, hit.point[1] - self.cut.axis.1 as f32];
-            let length = length_of(outward).max(1e-6);
             for k in 0..2 {
-                normal[k] += coat.flat * (outward[k] / length - normal[k]);
+                normal[k] += coat.flat * (outward[k] - normal[k]);
             }
         }
-        match self.cut.wires.get(id) {
+        let of_rope = match self.cut.wires.get(id) {
             Some(wire) => {
                 let light =
                     *self.wire_light[id].get_or_insert_with(|| self.lamps.on_wire(wire.tangent_y, wire.tangent_z));
@@ -186,7 +188,11 @@ impl<'a> LinePainter<'a> {
                 let inner = 0.6 + 0.4 * (hit.place.psi_rad * 6.0 + (hit.place.x_mm * 0.11) as f32).sin();
                 0.42 * inner * self.lamps.shade(&light, normal, coat, 0.6, lit)
             }
+        };
+        if coat.cover.share == 0.0 {
+            return of_rope;
         }
+        self.lamps.on_cover(&coat.cover, of_rope, outward, lit)
     }
 
     /// Gives the outermost ray of the rope the exact share of rope and background, so that edges lie between pixels.
@@ -224,7 +230,7 @@ impl<'a> LinePainter<'a> {
                 saw(column, index);
             }
             for &(index, defect) in &here {
-                let mut coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0 };
+                let mut coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0, cover: Cover::NONE };
                 if defect.put_on(&mut coat, &hit.place, rope_radius_mm) > super::defect_surface::MARKED {
                     saw(column, index);
                 }

@@ -85,6 +85,8 @@ pub struct Recipe {
     pub water: f64,
     /// Harmless scratches per metre.
     pub scratches_per_m: f64,
+    /// Pieces of foreign matter per metre: flakes of tar, lumps of grease, beads of water.
+    pub debris_per_m: f64,
     /// Exposure; 1 is as bright as a camera head is usually set.
     pub exposure: f64,
     /// Farthest relative drift of the light along the rope.
@@ -173,6 +175,7 @@ impl Recipe {
             oil_spots_per_m: 1.5,
             water: 0.05,
             scratches_per_m: 3.0,
+            debris_per_m: 0.0,
             exposure: 1.0,
             light_drift: 0.12,
             vignetting: 0.18,
@@ -276,6 +279,7 @@ impl Recipe {
             ("oil_spots_per_m", self.oil_spots_per_m, 0.0, 200.0),
             ("water", self.water, 0.0, 1.0),
             ("scratches_per_m", self.scratches_per_m, 0.0, 1000.0),
+            ("debris_per_m", self.debris_per_m, 0.0, 1000.0),
             ("exposure", self.exposure, 0.05, 5.0),
             ("light_drift", self.light_drift, 0.0, 0.9),
             ("vignetting", self.vignetting, 0.0, 0.9),

@@ -96,7 +96,8 @@ impl Scene {
         let sensors = (0..recipe.view_angles_deg.len())
             .map(|view| SensorPattern::random(&mut generator(seed, Stream::Sensor(view)), recipe))
             .collect();
-        let finish = Finish::random(&mut generator(seed, Stream::Finish), recipe);
+        let finish =
+            Finish::random(&mut generator(seed, Stream::Finish), &mut generator(seed, Stream::Foreign), recipe);
         let mut scene = Self {
             recipe: recipe.clone(),
             seed,

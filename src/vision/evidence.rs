@@ -101,11 +101,11 @@ pub fn learn(
 
 impl Evidence {
     /// Scores a further factor of the appearance at every place of the unrolled rope.
-    pub fn of_factor(residuals: &Residuals, factor: Factor, usual: &Usual, pitch_mm: f64) -> Self {
+    pub fn of_factor(residuals: &Residuals, factor: Factor, usual: &Usual) -> Self {
         let (blocks, strands, places) = (residuals.blocks, residuals.strands, residuals.places);
         let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places);
         evidence.both_ways = factor.both_ways();
-        residuals.for_each_strand(factor, pitch_mm, |at, cells, values| {
+        residuals.for_each_strand(factor, |at, cells, values| {
             let counted = evidence.sums[at.clone()].iter_mut().zip(&mut evidence.counts[at.clone()]);
             let places = counted.zip(&mut evidence.regions[at]);
             for (((sum, count), of_region), (&cell, &value)) in places.zip(cells.iter().zip(values)) {

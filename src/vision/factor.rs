@@ -4,9 +4,6 @@
 //! look at changes along a wire and across it, and are judged like the gray itself: by how likely they are on intact rope at that
 //! surface point.
 
-/// What the gray value counts beside the factors, see [`Factor::weight`].
-pub const GRAY_WEIGHT: f32 = 0.15;
-
 /// A further factor of the appearance model, judged by how far it is above what is expected.
 ///
 /// Long weak damage moves grain and shading of many places a little. Their deviations with sign add up to more than their
@@ -24,8 +21,6 @@ pub enum Factor {
     Relief,
     /// Difference of a place from those beside it, across the wires: worn places end within a wire, clouds of dirt do not.
     Across,
-    /// Difference of a place from its own wire a little before and behind: ends, gaps and rims.
-    Step,
     /// Slant of the grain against the wire: scratches across it all lean one way, while specks of dirt lean no way, so sums of
     /// them stay small.
     Slant,
@@ -35,8 +30,7 @@ pub enum Factor {
 const MOST: f32 = 16.0;
 
 /// The factors beside the gray value, in the order in which they are stored.
-pub const FACTORS: [Factor; 6] =
-    [Factor::Texture, Factor::Evenness, Factor::Relief, Factor::Across, Factor::Step, Factor::Slant];
+pub const FACTORS: [Factor; 5] = [Factor::Texture, Factor::Evenness, Factor::Relief, Factor::Across, Factor::Slant];
 
 impl Factor {
     /// What a finding of this factor counts when those of all are added up.
@@ -44,15 +38,16 @@ impl Factor {
     /// The likelihood ratio of damage and intact rope is a product over factors where these are independent, so findings, which are
     /// logarithms of how rare something is on intact rope, are added up. How much more likely damage makes each of them was learnt
     /// on simulated ropes: a regression (logistic, weights of at least 0, drawn towards each other) of labelled damage against dirt,
-    /// oil, water and all other intact rope of five ropes of different constructions, rounded; filters of different lengths came
-    /// out alike. On a rope that was left out they do as well as on those that were not. Gray says little: dirt changes it most.
+    /// oil, water and all other intact rope of seven ropes of different constructions, rounded; filters of different lengths came
+    /// out alike. On a rope that was left out they do as well as on those that were not. The gray value itself came out at 0, and so
+    /// did its change along the wire: on clean rope, the edge of an oil spot changes both more than damage does.
     pub fn weight(self) -> f32 {
         match self {
-            Self::Across => 0.6,
-            Self::Texture | Self::Evenness => 0.4,
-            Self::Slant => 0.3,
-            Self::Step => 0.2,
-            Self::Relief => 0.15,
+            Self::Across => 0.7,
+            Self::Evenness => 0.6,
+            Self::Slant => 0.4,
+            Self::Texture => 0.3,
+            Self::Relief => 0.2,
         }
     }
 
@@ -69,7 +64,7 @@ impl Factor {
             Self::Texture => scale_each(values, |value| logarithm(value + 0.02) * 4.0),
             Self::Evenness => scale_each(values, |value| logarithm(value) * 4.0),
             Self::Relief => scale_each(values, |value| value * 10.0),
-            Self::Across | Self::Step => scale_each(values, |value| logarithm(value + 0.02) * 2.5),
+            Self::Across => scale_each(values, |value| logarithm(value + 0.02) * 2.5),
             Self::Slant => scale_each(values, |value| value * 20.0),
         }
     }

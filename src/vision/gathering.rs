@@ -61,9 +61,19 @@ pub(super) struct Line<'a> {
     pub compared: Option<(Compared<'a>, f32)>,
 }
 
+/// Whether gray values themselves are judged, or only what is expected of them is compared: that is half the work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Judged {
+    /// Every gray value gets its anomaly score.
+    Gray,
+    /// None does: scores are 0, and tell what is seen.
+    Nothing,
+}
+
 /// Gathers runs of pixels; what it holds are values of the pixels of one run.
 pub(super) struct Gathering<'a> {
     gray: &'a Appearance,
+    judged: Judged,
     lag_lines: f32,
     /// Columns of the image, as numbers to reckon with.
     at_px: Vec<f32>,
@@ -85,9 +95,10 @@ pub(super) struct Gathering<'a> {
 
 impl<'a> Gathering<'a> {
     /// For images of `width_px` columns, whose lines are compared with those so many lines before.
-    pub fn new(gray: &'a Appearance, width_px: usize, lag_lines: usize) -> Self {
+    pub fn new(gray: &'a Appearance, judged: Judged, width_px: usize, lag_lines: usize) -> Self {
         Self {
             gray,
+            judged,
             lag_lines: lag_lines as f32,
             at_px: (0..width_px).map(|column| column as f32).collect(),
             row: ExpectedRow::new(width_px),
@@ -148,10 +159,13 @@ impl<'a> Gathering<'a> {
         for (gray, &column) in grays.iter_mut().zip(&*columns) {
             *gray = line.grays[column as usize];
         }
+        self.gray_sums.iter_mut().zip(&*grays).for_each(|(sum, gray)| *sum += gray);
+        if self.judged == Judged::Nothing {
+            return;
+        }
         // Scores are those of the cell; the pixel is judged as if it lay in its middle.
         let pixels = grays.iter().zip(&self.row.to_middle).zip(run.cells);
-        for ((entry, sum), ((gray, to_middle), cell)) in entries.iter_mut().zip(&mut self.gray_sums).zip(pixels) {
-            *sum += gray;
+        for (entry, ((gray, to_middle), cell)) in entries.iter_mut().zip(pixels) {
             *entry = cell * GRAY_BINS as u32 + whole(within(gray + to_middle, GRAY_BINS as f32 - 0.5));
         }
         let table = self.gray.score_table();
@@ -196,7 +210,7 @@ mod tests {
         (0..400).for_each(|k| histogram.add(cell(12, 12, 4), 10 + k % 12));
         let appearance = Appearance::learn(&histogram, SIGMA_BINS);
         let mut grain = Grain::new(0.1, WIDTH, 5);
-        let mut gathering = Gathering::new(&appearance, WIDTH, grain.lag_lines());
+        let mut gathering = Gathering::new(&appearance, Judged::Nothing, WIDTH, grain.lag_lines());
         let (cells, places) = ([cell(12, 12, 4) as u32; 40], [0; 40]);
         let (wires_at, distances_at, zeros) = ([12.5; 40], [4.5; 40], [0.0; 40]);
         let run = Run {

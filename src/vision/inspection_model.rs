@@ -5,7 +5,8 @@ use super::calibration::{CalibrationSums, FilterCalibration};
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
-use super::factor::{FACTORS, Factor, GRAY_WEIGHT};
+use super::factor::{FACTORS, Factor};
+use super::gathering::Judged;
 use super::histogram::Histogram;
 use super::residuals::Residuals;
 use super::rope::Rope;
@@ -55,24 +56,28 @@ impl<'a> AlignedView<'a> {
         SurfaceMap::new(self.rope, self.camera, self.estimates, self.view.image.width())
     }
 
-    fn gather(&self, gray: &Appearance) -> (Evidence, Residuals) {
+    fn gather(&self, gray: &Appearance, judged: Judged) -> (Evidence, Residuals) {
+        let gray = (gray, judged);
         Residuals::gather(self.rope, self.camera, self.estimates, self.view, gray, self.block_lines, self.pitch_mm)
     }
 
     /// Second pass: adds the further factors, relative to the learnt gray.
     pub fn learn_factors(&self, gray: &Appearance, moments: &mut [Moments; FACTORS.len()]) {
-        let (_, residuals) = self.gather(gray);
+        let (_, residuals) = self.gather(gray, Judged::Nothing);
         for (factor, moments) in FACTORS.into_iter().zip(moments) {
-            residuals.for_each(factor, self.pitch_mm, |_, cell, value| moments.add(cell, value));
+            residuals.for_each(factor, |_, cell, value| moments.add(cell, value));
         }
     }
 
-    /// Evidence of the gray value and of every further factor.
+    /// Evidence of the gray value and of every further factor that the model asks. Where gray counts nothing, its evidence
+    /// tells no more than what is seen.
     pub fn evidence(&self, model: &ViewAppearance) -> Vec<Evidence> {
-        let (evidence, residuals) = self.gather(&model.gray);
+        let (evidence, residuals) = self.gather(&model.gray, model.judged());
         let mut all = vec![evidence];
-        let further = FACTORS.into_iter().zip(&model.further);
-        all.extend(further.map(|(factor, usual)| Evidence::of_factor(&residuals, factor, usual, self.pitch_mm)));
+        if !model.is_paper() {
+            let further = FACTORS.into_iter().zip(&model.further);
+            all.extend(further.map(|(factor, usual)| Evidence::of_factor(&residuals, factor, usual)));
+        }
         all
     }
 }
@@ -85,7 +90,7 @@ impl ViewAppearance {
     }
 
     /// Third pass: calibrates every filter of every factor on stretches of intact rope (`[stretch][factor]`).
-    /// False if there were too few for the gray values.
+    /// False if there were too few for the gray values, or for all others.
     pub fn calibrate<'a>(&mut self, stretches: impl Iterator<Item = &'a [CalibrationSums]> + Clone) -> bool {
         let of_factor = |factor: usize| {
             let mut sums = CalibrationSums::default();
@@ -94,12 +99,24 @@ impl ViewAppearance {
             sums.calibrate().unwrap_or_default()
         };
         self.calibration = (0..=self.further.len()).map(of_factor).collect();
-        self.calibration.first().is_some_and(|gray| !gray.is_empty())
+        let mut calibrated = self.calibration.iter().map(|filters| !filters.is_empty());
+        calibrated.next() == Some(true) && calibrated.any(|further| further)
+    }
+
+    /// Whether it is cut down to the paper's: the gray value alone.
+    fn is_paper(&self) -> bool {
+        self.calibration.len() == 1
+    }
+
+    /// A calibrated model with further factors does not ask the gray value, see [`Factor::weight`].
+    fn judged(&self) -> Judged {
+        if self.calibration.len() > 1 { Judged::Nothing } else { Judged::Gray }
     }
 
     /// Scores the evidence of a stretch.
     pub fn score(&self, evidence: Vec<Evidence>, pitch_mm: f64) -> StretchScores {
-        let weights = std::iter::once(GRAY_WEIGHT).chain(FACTORS.into_iter().map(Factor::weight));
+        let of_gray = if self.is_paper() { 1.0 } else { 0.0 };
+        let weights = std::iter::once(of_gray).chain(FACTORS.into_iter().map(Factor::weight));
         let factors = evidence.into_iter().zip(&self.calibration).zip(weights);
         let weighed = factors.map(|((evidence, calibration), weight)| Weighed { evidence, calibration, weight });
         score(&weighed.collect::<Vec<_>>(), pitch_mm)

@@ -5,7 +5,7 @@ use super::camera::Camera;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
 use super::factor::Factor;
-use super::gathering::{Changes, Gathering, Line, Sums};
+use super::gathering::{Changes, Gathering, Judged, Line, Sums};
 use super::grain::Grain;
 use super::histogram::region;
 use super::rope::Rope;
@@ -50,13 +50,14 @@ const LEAST_RELIEF: f32 = 8.0;
 const NOISE: f32 = 0.1;
 
 impl Residuals {
-    /// Gathers a stretch: the evidence of the gray values themselves, and what deviates from their expectation, in one pass.
+    /// Gathers a stretch: the evidence of the gray values themselves if they are `judged`, and what deviates from their expectation, in
+    /// one pass.
     pub fn gather(
         rope: &Rope,
         camera: &Camera,
         estimates: &Estimates,
         view: &ViewStretch,
-        gray: &Appearance,
+        (gray, judged): (&Appearance, Judged),
         block_lines: usize,
         pitch_mm: f64,
     ) -> (Evidence, Self) {
@@ -68,7 +69,7 @@ impl Residuals {
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
         let mut map = SurfaceMap::new(rope, camera, estimates, width);
         let mut grain = Grain::new(pitch_mm, width, block_lines);
-        let mut gathering = Gathering::new(gray, width, grain.lag_lines());
+        let mut gathering = Gathering::new(gray, judged, width, grain.lag_lines());
         let mut grays = vec![vec![0.0f32; width]; block_lines];
         let mut sums = vec![Sums::default(); places];
         for (block, (of_block, middle)) in evidence::blocks(lines, block_lines).enumerate() {
@@ -126,8 +127,8 @@ impl Residuals {
     }
 
     /// Calls `each` with (index in the grid, surface cell, scaled factor) for every place where the factor can be told.
-    pub fn for_each(&self, factor: Factor, pitch_mm: f64, mut each: impl FnMut(usize, usize, f32)) {
-        self.for_each_strand(factor, pitch_mm, |places, cells, values| {
+    pub fn for_each(&self, factor: Factor, mut each: impl FnMut(usize, usize, f32)) {
+        self.for_each_strand(factor, |places, cells, values| {
             for ((place, &cell), &value) in places.zip(cells).zip(values) {
                 if cell != UNSEEN && !value.is_nan() {
                     each(place, cell as usize, value);
@@ -138,8 +139,7 @@ impl Residuals {
 
     /// The same for all places of a strand in a block together: indices in the grid, surface cells (`UNSEEN` where no pixel fell),
     /// and scaled factors, NaN where they cannot be told.
-    pub fn for_each_strand(&self, factor: Factor, pitch_mm: f64, mut each: impl FnMut(Range<usize>, &[u32], &[f32])) {
-        let lag_blocks = blocks_of(STEP_MM, self.block_lines as f64 * pitch_mm);
+    pub fn for_each_strand(&self, factor: Factor, mut each: impl FnMut(Range<usize>, &[u32], &[f32])) {
         let mut values = vec![f32::NAN; self.places];
         for (at, _) in self.in_view.iter().enumerate().filter(|(_, in_view)| **in_view) {
             let places = at * self.places..(at + 1) * self.places;
@@ -153,13 +153,6 @@ impl Residuals {
                 Factor::Slant => of_changes(|c| c.slanted / (c.along + c.across + 3.0 * NOISE)),
                 Factor::Relief => relief(&self.expected[places.clone()], deviation, &mut values),
                 Factor::Across => across(deviation, &mut values),
-                Factor::Step => {
-                    let block = at % self.blocks;
-                    let of = |at: usize| &self.deviation[at * self.places..(at + 1) * self.places];
-                    let before = (block >= lag_blocks).then(|| of(at - lag_blocks));
-                    let behind = (block + lag_blocks < self.blocks).then(|| of(at + lag_blocks));
-                    step(before, deviation, behind, &mut values);
-                }
             }
             factor.scale(&mut values);
             each(places.clone(), &self.surface_cell[places], &values);
@@ -199,37 +192,10 @@ fn across(deviation: &[f32], values: &mut [f32]) {
     values[last] = change(deviation[last - 1], deviation[last], deviation[0]);
 }
 
-/// Distance along the wire in mm over which a step is looked for: longer than a speck of dirt, shorter than a worn place.
-const STEP_MM: f64 = 1.5;
-
-/// Blocks that make so many mm.
-fn blocks_of(mm: f64, block_mm: f64) -> usize {
-    (mm / block_mm).round().max(1.0) as usize
-}
-
 /// Mean square of the two changes from a place to those on either side of it, or of the one that is known.
 #[inline]
 fn change(before: f32, here: f32, after: f32) -> f32 {
     let (before, after) = ((here - before) * (here - before), (after - here) * (after - here));
     let (one, other) = (if before.is_nan() { after } else { before }, if after.is_nan() { before } else { after });
     (one + other) / 2.0
-}
-
-/// Change to every place of a strand from the same place before and behind, where the stretch goes so far.
-fn step(before: Option<&[f32]>, deviation: &[f32], behind: Option<&[f32]>, values: &mut [f32]) {
-    match (before, behind) {
-        (Some(before), Some(behind)) => {
-            for (value, (&here, (&before, &behind))) in
-                values.iter_mut().zip(deviation.iter().zip(before.iter().zip(behind)))
-            {
-                *value = change(before, here, behind);
-            }
-        }
-        (Some(one), None) | (None, Some(one)) => {
-            for (value, (&here, &one)) in values.iter_mut().zip(deviation.iter().zip(one)) {
-                *value = change(one, here, f32::NAN);
-            }
-        }
-        (None, None) => values.fill(f32::NAN),
-    }
 }

@@ -97,7 +97,7 @@ pub fn score(factors: &[Weighed<'_>], pitch_mm: f64) -> StretchScores {
     // In the order of the evidence, in which a strand's blocks lie side by side.
     let mut found = vec![f32::NAN; cells];
     let mut of_block = vec![f32::NAN; first.places];
-    for Weighed { evidence, calibration, weight } in factors {
+    for Weighed { evidence, calibration, weight } in factors.iter().filter(|weighed| weighed.weight > 0.0) {
         let judges: Vec<Option<Judge>> =
             calibration.iter().map(|c| c.as_ref().map(|c| Judge::new(c, *weight))).collect();
         evidence.filtered(pitch_mm, Steps::Thinned, |filtered| {

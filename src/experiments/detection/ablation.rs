@@ -22,7 +22,7 @@ pub(super) const VARIANTS: [Variant; 2] = [
     Variant { name: "gray value, all filters", factors: 1, only_filter: None },
 ];
 /// What ours is called beside them.
-const OURS: &str = "all factors, all filters";
+const OURS: &str = "further factors, all filters";
 
 impl Variant {
     fn of(&self, model: &Model) -> Model {

@@ -1,0 +1,145 @@
+//! Foreign matter that lies on intact rope: flakes of tar, lumps of grease, beads of water. It hides the wires and the valleys between
+//! them alike, is fixed to the rope's surface, and is no defect: what looks for defects must live with it.
+
+use super::finish::Place;
+use super::noise::{Along, surface_noise};
+use super::recipe::Recipe;
+use super::trace::wrap;
+use rand::Rng;
+use std::f64::consts::TAU;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Matter {
+    /// Opaque, dark, with a ragged edge.
+    Flake,
+    /// Dull gray, thick enough to fill valleys, uneven.
+    Lump,
+    /// Clear, round, with a lamp's image in it.
+    Bead,
+}
+
+/// A piece of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Piece {
+    matter: Matter,
+    x_mm: f64,
+    angle_rad: f64,
+    half_mm: f64,
+    /// How much longer it is along the rope than across.
+    stretch: f64,
+    strength: f32,
+    seed: u32,
+}
+
+/// What lies over a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cover {
+    /// Share of the light that comes from it instead of the wire.
+    pub share: f32,
+    /// Its diffuse reflection, 1 is clean wire.
+    pub albedo: f32,
+    /// Strength of its highlights.
+    pub gleam: f32,
+    /// How its surface leans along the rope and round it: 0 faces away from the rope's axis.
+    pub lean: [f32; 2],
+}
+
+impl Cover {
+    /// Nothing lies there.
+    pub const NONE: Self = Self { share: 0.0, albedo: 0.0, gleam: 0.0, lean: [0.0; 2] };
+}
+
+/// How far beyond its half length a ragged edge may reach.
+const RAGGED: f64 = 1.35;
+
+/// Foreign matter of a whole rope, in the order of its place.
+pub fn pieces(rng: &mut impl Rng, recipe: &Recipe) -> Vec<Piece> {
+    let mut pieces: Vec<Piece> = (0..(recipe.debris_per_m * recipe.metres).round() as usize)
+        .map(|_| {
+            let size = rng.random::<f64>();
+            let (matter, half_mm) = match rng.random_range(0..3) {
+                0 => (Matter::Flake, 0.4 + 1.6 * size * size),
+                1 => (Matter::Lump, 1.0 + 3.5 * size * size),
+                _ => (Matter::Bead, 0.4 + 1.5 * size),
+            };
+            Piece {
+                matter,
+                x_mm: rng.random::<f64>() * recipe.metres * 1000.0,
+                angle_rad: rng.random::<f64>() * TAU,
+                half_mm,
+                stretch: if matter == Matter::Bead { 1.0 } else { 0.6 + 0.9 * rng.random::<f64>() },
+                strength: rng.random(),
+                seed: rng.random(),
+            }
+        })
+        .collect();
+    pieces.sort_by(|a, b| a.x_mm.total_cmp(&b.x_mm));
+    pieces
+}
+
+/// Index of the first piece whose middle lies at `x_mm` or beyond.
+pub fn first_from(pieces: &[Piece], x_mm: f64) -> usize {
+    pieces.partition_point(|piece| piece.x_mm < x_mm)
+}
+
+impl Piece {
+    /// Whether any of it may lie on the line at `x_mm`.
+    pub fn reaches(&self, x_mm: f64) -> bool {
+        (self.x_mm - x_mm).abs() <= RAGGED * self.half_mm * self.stretch
+    }
+
+    /// What of it lies over a place; `None` beside it.
+    pub fn cover(&self, place: &Place, rope_radius_mm: f64) -> Option<Cover> {
+        let u = (place.x_mm - self.x_mm) / (self.half_mm * self.stretch);
+        let round_mm = wrap(f64::from(place.rope_angle_rad) - self.angle_rad) * rope_radius_mm;
+        let v = round_mm / self.half_mm;
+        let r = (u * u + v * v).sqrt() as f32;
+        let rough = |cell_mm: f64, seed: u32| {
+            surface_noise(self.seed ^ seed, Along::at(place.x_mm, cell_mm), (round_mm / cell_mm) as f32) - 0.5
+        };
+        let strength = self.strength;
+        let cover = match self.matter {
+            _ if f64::from(r) > RAGGED => return None,
+            Matter::Flake => {
+                let edge = 1.0 - r + 0.8 * rough(0.55, 1) + 0.4 * rough(0.2, 2);
+                let albedo = 0.06 + 0.22 * strength + 0.08 * rough(0.4, 3);
+                Cover { share: (8.0 * edge).clamp(0.0, 0.96), albedo, gleam: 0.02, lean: [0.0; 2] }
+            }
+            Matter::Lump => {
+                let edge = 1.0 - r + 0.9 * rough(0.9, 1) + 0.3 * rough(0.3, 2);
+                let lean = [0.9 * rough(0.7, 3), 0.9 * rough(0.7, 4)];
+                let share = (5.0 * edge).clamp(0.0, 1.0) * (0.5 + 0.45 * strength);
+                Cover { share, albedo: 0.55 + 0.3 * rough(0.5, 5), gleam: 0.15 * share, lean }
+            }
+            Matter::Bead => {
+                let share = (6.0 * (1.0 - r)).clamp(0.0, 1.0) * (0.15 + 0.6 * r * r * strength);
+                Cover { share, albedo: 0.3, gleam: 1.4, lean: [0.8 * u as f32, 0.8 * v as f32] }
+            }
+        };
+        (cover.share > 0.0).then_some(cover)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::simulate::Scene;
+    use crate::simulate::photographic::render;
+    use crate::simulate::recipe::Recipe;
+
+    #[test]
+    fn foreign_matter_changes_some_places_and_neither_the_rope_nor_its_defects() {
+        let with = |debris_per_m: f64| {
+            let recipe = Recipe { metres: 0.4, defects: 1, debris_per_m, ..Recipe::photographic() };
+            let scene = Scene::new(&recipe, 5).unwrap();
+            (render(&scene, 0, 0), scene.defects().to_vec())
+        };
+        let ((clean, defects), (littered, same)) = (with(0.0), with(40.0));
+        assert_eq!(defects, same);
+        let changed = clean.iter().zip(&littered).filter(|(a, b)| a.abs_diff(**b) > 12).count() as f64;
+        let share = changed / clean.len() as f64;
+        assert!(share > 0.002 && share < 0.1, "{share} of the pixels");
+        // Beads and lumps are brighter than the wires under them, flakes darker.
+        assert!(clean.iter().zip(&littered).any(|(a, b)| *b > a.saturating_add(60)));
+        assert!(clean.iter().zip(&littered).any(|(a, b)| *a > b.saturating_add(60)));
+    }
+}
