@@ -69,15 +69,13 @@ impl<'a> AlignedView<'a> {
         }
     }
 
-    /// Evidence of the gray value and of every further factor that the model asks. Where gray counts nothing, its evidence
-    /// tells no more than what is seen.
+    /// Evidence of the gray value and of every further factor. Where gray counts nothing, its evidence tells no more than what is
+    /// seen.
     pub fn evidence(&self, model: &ViewAppearance) -> Vec<Evidence> {
         let (evidence, residuals) = self.gather(&model.gray, model.judged());
         let mut all = vec![evidence];
-        if !model.is_paper() {
-            let further = FACTORS.into_iter().zip(&model.further);
-            all.extend(further.map(|(factor, usual)| Evidence::of_factor(&residuals, factor, usual)));
-        }
+        let further = FACTORS.into_iter().zip(&model.further);
+        all.extend(further.map(|(factor, usual)| Evidence::of_factor(&residuals, factor, usual)));
         all
     }
 }
@@ -90,7 +88,7 @@ impl ViewAppearance {
     }
 
     /// Third pass: calibrates every filter of every factor on stretches of intact rope (`[stretch][factor]`).
-    /// False if there were too few for the gray values, or for all others.
+    /// False if there were too few for the gray values.
     pub fn calibrate<'a>(&mut self, stretches: impl Iterator<Item = &'a [CalibrationSums]> + Clone) -> bool {
         let of_factor = |factor: usize| {
             let mut sums = CalibrationSums::default();
@@ -99,26 +97,40 @@ impl ViewAppearance {
             sums.calibrate().unwrap_or_default()
         };
         self.calibration = (0..=self.further.len()).map(of_factor).collect();
-        let mut calibrated = self.calibration.iter().map(|filters| !filters.is_empty());
-        calibrated.next() == Some(true) && calibrated.any(|further| further)
+        self.calibration.first().is_some_and(|gray| !gray.is_empty())
     }
 
-    /// Whether it is cut down to the paper's: the gray value alone.
-    fn is_paper(&self) -> bool {
-        self.calibration.len() == 1
-    }
-
-    /// A calibrated model with further factors does not ask the gray value, see [`Factor::weight`].
+    /// Beside further factors the gray value does not count, see [`Factor::weight`]. It does before anything is calibrated, where there
+    /// was too little rope to calibrate another, and in a model that is cut down to it, which is the paper's.
     fn judged(&self) -> Judged {
-        if self.calibration.len() > 1 { Judged::Nothing } else { Judged::Gray }
+        let further = self.calibration.iter().skip(1).any(|filters| !filters.is_empty());
+        if further { Judged::Nothing } else { Judged::Gray }
     }
 
     /// Scores the evidence of a stretch.
     pub fn score(&self, evidence: Vec<Evidence>, pitch_mm: f64) -> StretchScores {
-        let of_gray = if self.is_paper() { 1.0 } else { 0.0 };
+        let of_gray = if self.judged() == Judged::Gray { 1.0 } else { 0.0 };
         let weights = std::iter::once(of_gray).chain(FACTORS.into_iter().map(Factor::weight));
         let factors = evidence.into_iter().zip(&self.calibration).zip(weights);
         let weighed = factors.map(|((evidence, calibration), weight)| Weighed { evidence, calibration, weight });
         score(&weighed.collect::<Vec<_>>(), pitch_mm)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::histogram::SIGMA_BINS;
+
+    #[test]
+    fn the_gray_value_counts_only_where_no_further_factor_is_calibrated() {
+        let judged = |calibration: Vec<Vec<Option<FilterCalibration>>>| {
+            let gray = Appearance::learn(&Histogram::default(), SIGMA_BINS);
+            ViewAppearance { gray, further: Vec::new(), calibration }.judged()
+        };
+        assert_eq!(judged(Vec::new()), Judged::Gray);
+        assert_eq!(judged(vec![vec![None]]), Judged::Gray);
+        assert_eq!(judged(vec![vec![None], Vec::new()]), Judged::Gray);
+        assert_eq!(judged(vec![vec![None], Vec::new(), vec![None]]), Judged::Nothing);
     }
 }
