@@ -37,8 +37,8 @@ pub struct Coat {
     pub gloss: f32,
     /// 1 where the round wire is worn flat along the rope's surface.
     pub flat: f32,
-    /// What lies over it.
-    pub cover: Cover,
+    /// What lies over it, if anything does.
+    pub cover: Option<Cover>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -150,16 +150,12 @@ impl Finish {
             .filter(|m| (m.x_mm - x_mm).abs() <= m.half_x_mm + m.half_across_mm)
             .copied()
             .collect();
-        let (from, to) = (
-            foreign::first_from(&self.foreign, x_mm - MARK_REACH_MM),
-            foreign::first_from(&self.foreign, x_mm + MARK_REACH_MM),
-        );
         let round_mm = TAU * self.radius_mm;
         let (grime_ring, patch_ring) = ((round_mm / 11.0).ceil() as i32, (round_mm / 2.7).ceil() as i32);
         LineFinish {
             finish: self,
             marks,
-            foreign: self.foreign[from..to].iter().filter(|piece| piece.reaches(x_mm)).copied().collect(),
+            foreign: foreign::on_line(&self.foreign, x_mm),
             x_mm,
             grime: LineNoise::ring(Along::at(x_mm, 31.0), grime_ring),
             patch: LineNoise::ring(Along::at(x_mm, 5.3), patch_ring),
@@ -188,7 +184,7 @@ impl LineFinish<'_> {
             albedo: (1.0 - 0.7 * dirt) * (1.0 + 0.2 * streak + (0.1 + 0.35 * f.dirt) * grain),
             gloss: (1.0 - 0.85 * dirt) * (1.0 + 1.3 * streak + 0.4 * grain),
             flat: 0.0,
-            cover: Cover::NONE,
+            cover: None,
         };
         if f.dirt > 0.0 {
             let speck = self.speck.at(own ^ 5, place.arc_mm * 2.1);
@@ -205,9 +201,7 @@ impl LineFinish<'_> {
         for mark in &self.marks {
             mark.put_on(&mut coat, self.x_mm, place.rope_angle_rad, f.radius_mm);
         }
-        if let Some(cover) = self.foreign.iter().find_map(|piece| piece.cover(place, f.radius_mm)) {
-            coat.cover = cover;
-        }
+        coat.cover = self.foreign.iter().find_map(|piece| piece.cover(place, f.radius_mm));
         coat
     }
 }

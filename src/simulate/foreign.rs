@@ -44,13 +44,10 @@ pub struct Cover {
     pub lean: [f32; 2],
 }
 
-impl Cover {
-    /// Nothing lies there.
-    pub const NONE: Self = Self { share: 0.0, albedo: 0.0, gleam: 0.0, lean: [0.0; 2] };
-}
-
 /// How far beyond its half length a ragged edge may reach.
 const RAGGED: f64 = 1.35;
+/// Farthest that a piece reaches along the rope in mm.
+const REACH_MM: f64 = 10.0;
 
 /// Foreign matter of a whole rope, in the order of its place.
 pub fn pieces(rng: &mut impl Rng, recipe: &Recipe) -> Vec<Piece> {
@@ -77,17 +74,14 @@ pub fn pieces(rng: &mut impl Rng, recipe: &Recipe) -> Vec<Piece> {
     pieces
 }
 
-/// Index of the first piece whose middle lies at `x_mm` or beyond.
-pub fn first_from(pieces: &[Piece], x_mm: f64) -> usize {
-    pieces.partition_point(|piece| piece.x_mm < x_mm)
+/// Those of all pieces that may lie on the line at `x_mm`.
+pub fn on_line(pieces: &[Piece], x_mm: f64) -> Vec<Piece> {
+    let first_from = |x_mm: f64| pieces.partition_point(|piece| piece.x_mm < x_mm);
+    let near = &pieces[first_from(x_mm - REACH_MM)..first_from(x_mm + REACH_MM)];
+    near.iter().filter(|piece| (piece.x_mm - x_mm).abs() <= RAGGED * piece.half_mm * piece.stretch).copied().collect()
 }
 
 impl Piece {
-    /// Whether any of it may lie on the line at `x_mm`.
-    pub fn reaches(&self, x_mm: f64) -> bool {
-        (self.x_mm - x_mm).abs() <= RAGGED * self.half_mm * self.stretch
-    }
-
     /// What of it lies over a place; `None` beside it.
     pub fn cover(&self, place: &Place, rope_radius_mm: f64) -> Option<Cover> {
         let u = (place.x_mm - self.x_mm) / (self.half_mm * self.stretch);

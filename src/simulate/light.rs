@@ -156,7 +156,7 @@ mod tests {
     fn a_wire_is_brightest_where_it_faces_camera_and_lamps() {
         let lamps = Lamps::new(1.0);
         let wire = lamps.on_wire(0.1, 0.0);
-        let coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0, cover: Cover::NONE };
+        let coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0, cover: None };
         let gray = |angle: f32| lamps.shade(&wire, [angle.sin(), -angle.cos()], &coat, 1.0, [0.52, 0.44, 0.30]);
         assert!(gray(0.0) > 1.3 * gray(0.9) && gray(0.0) > 1.3 * gray(-0.9));
         assert!(gray(0.0) < 1.2 && gray(1.5) > 0.02);

@@ -4,7 +4,6 @@ use super::background::Backdrop;
 use super::cross_section::CrossSection;
 use super::defects::{self, Defect};
 use super::finish::{Coat, Place};
-use super::foreign::Cover;
 use super::light::{Lamps, Shadows, WireLight};
 use super::noise::{GaussianStream, Stream};
 use super::scene::Scene;
@@ -175,7 +174,7 @@ impl<'a> LinePainter<'a> {
                 normal[k] += coat.flat * (outward[k] - normal[k]);
             }
         }
-        let of_rope = match self.cut.wires.get(id) {
+        let of_wire = match self.cut.wires.get(id) {
             Some(wire) => {
                 let light =
                     *self.wire_light[id].get_or_insert_with(|| self.lamps.on_wire(wire.tangent_y, wire.tangent_z));
@@ -189,10 +188,10 @@ impl<'a> LinePainter<'a> {
                 0.42 * inner * self.lamps.shade(&light, normal, coat, 0.6, lit)
             }
         };
-        if coat.cover.share == 0.0 {
-            return of_rope;
+        match &coat.cover {
+            Some(cover) => self.lamps.on_cover(cover, of_wire, outward, lit),
+            None => of_wire,
         }
-        self.lamps.on_cover(&coat.cover, of_rope, outward, lit)
     }
 
     /// Gives the outermost ray of the rope the exact share of rope and background, so that edges lie between pixels.
@@ -230,7 +229,7 @@ impl<'a> LinePainter<'a> {
                 saw(column, index);
             }
             for &(index, defect) in &here {
-                let mut coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0, cover: Cover::NONE };
+                let mut coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0, cover: None };
                 if defect.put_on(&mut coat, &hit.place, rope_radius_mm) > super::defect_surface::MARKED {
                     saw(column, index);
                 }

@@ -21,7 +21,7 @@ pub(super) struct ExpectedRow {
     to_distance: Vec<f32>,
     /// What is expected of every pixel; NaN where the model cannot tell.
     pub expected: Vec<f32>,
-    /// How far that is below what is expected in the middle of its cell.
+    /// How far that is below what is expected in the middle of its cell; see [`Self::look_up_middles`].
     pub to_middle: Vec<f32>,
 }
 
@@ -38,7 +38,7 @@ impl ExpectedRow {
         }
     }
 
-    /// Looks up a run: its pixels come first in `expected` and `to_middle`.
+    /// Looks up a run: its pixels come first in `expected`.
     pub fn look_up(&mut self, gray: &Appearance, run: &Run<'_>) {
         let (strand, share) = between_middles(run.strand_at, STRAND_BINS);
         let (near, far) = gray.expected_cells(cell(strand, 0, 0)..cell(strand + 2, 0, 0)).split_at(ROW);
@@ -55,9 +55,8 @@ impl ExpectedRow {
             (*first, *to_wire, *to_distance) = ((wire * DISTANCE_BINS + distance) as u32, b, c);
         }
         let between = self.firsts.iter().zip(&self.to_wire).zip(&self.to_distance);
-        let targets = self.expected.iter_mut().zip(&mut self.to_middle);
-        for (k, ((&cell, ((&first, &b), &c)), (expected, to_middle))) in
-            run.cells.iter().zip(between).zip(targets).enumerate()
+        for (k, ((&cell, ((&first, &b), &c)), expected)) in
+            run.cells.iter().zip(between).zip(&mut self.expected).enumerate()
         {
             let about = &self.mixed[first as usize..first as usize + DISTANCE_BINS + 2];
             let near = about[0] + c * (about[1] - about[0]);
@@ -68,7 +67,13 @@ impl ExpectedRow {
                 let theta = Theta { strand: run.strand_at, wire: run.wires_at[k], distance: run.distances_at[k] };
                 *expected = gray.expected_at(theta, cell as usize);
             }
-            *to_middle = gray.expected(cell as usize) - *expected;
+        }
+    }
+
+    /// Looks up the middles of the cells of the run that was looked up last: its pixels come first in `to_middle`.
+    pub fn look_up_middles(&mut self, gray: &Appearance, run: &Run<'_>) {
+        for (to_middle, (&cell, expected)) in self.to_middle.iter_mut().zip(run.cells.iter().zip(&self.expected)) {
+            *to_middle = gray.expected(cell as usize) - expected;
         }
     }
 }
@@ -111,6 +116,7 @@ mod tests {
             };
             let mut row = ExpectedRow::new(300);
             row.look_up(&gray, &run);
+            row.look_up_middles(&gray, &run);
             for k in 0..cells.len() {
                 let theta = Theta { strand: strand_at, wire: wires_at[k], distance: distances_at[k] };
                 let alone = gray.expected_at(theta, cells[k] as usize);

@@ -1,8 +1,8 @@
-//! What is judged of a place of the unrolled rope beside its gray.
+//! What is judged of a place of the unrolled rope instead of its gray.
 //!
 //! Dirt and oil change gray values over long stretches without being defects. Further factors of the appearance model therefore
-//! look at changes along a wire and across it, and are judged like the gray itself: by how likely they are on intact rope at that
-//! surface point.
+//! look at changes along a wire and across it, and are judged as the paper judges gray: by how likely they are on intact rope at
+//! that surface point.
 
 /// A further factor of the appearance model, judged by how far it is above what is expected.
 ///
@@ -38,8 +38,8 @@ impl Factor {
     /// The likelihood ratio of damage and intact rope is a product over factors where these are independent, so findings, which are
     /// logarithms of how rare something is on intact rope, are added up. How much more likely damage makes each of them was learnt
     /// on simulated ropes: a regression (logistic, weights of at least 0, drawn towards each other) of labelled damage against dirt,
-    /// oil, water and all other intact rope of seven ropes of different constructions, rounded; filters of different lengths came
-    /// out alike. On a rope that was left out they do as well as on those that were not. The gray value itself came out at 0, and so
+    /// oil, water and all other intact rope of seven ropes of different constructions, rounded; weights of their own for filters of
+    /// different lengths find no more. On a rope that was left out they do as well as on those that were not. The gray value itself came out at 0, and so
     /// did its change along the wire: on clean rope, the edge of an oil spot changes both more than damage does.
     pub fn weight(self) -> f32 {
         match self {

@@ -61,7 +61,7 @@ pub(super) struct Line<'a> {
     pub compared: Option<(Compared<'a>, f32)>,
 }
 
-/// Whether gray values themselves are judged, or only what is expected of them is compared: that is half the work.
+/// Whether gray values themselves are judged, or only compared with what is expected of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Judged {
     /// Every gray value gets its anomaly score.
@@ -117,6 +117,9 @@ impl<'a> Gathering<'a> {
     pub fn add(&mut self, run: &Run<'_>, lines: &[Line<'_>], places: &mut [Sums]) {
         let n = run.cells.len();
         self.row.look_up(self.gray, run);
+        if self.judged == Judged::Gray {
+            self.row.look_up_middles(self.gray, run);
+        }
         self.gray_sums[..n].fill(0.0);
         self.scores[..n].fill(0.0);
         self.changes[..n].fill(Changes::default());

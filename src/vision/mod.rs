@@ -119,7 +119,7 @@ mod expected_row;
 pub mod factor;
 pub mod filtering;
 mod fitting;
-pub mod gathering;
+mod gathering;
 mod grain;
 pub mod histogram;
 pub mod image;

@@ -52,7 +52,8 @@ pub(super) fn report(rope: &Trained, ours: &Judged, work: &Work<'_>, page: &mut 
         "The same rope and model with parts taken away. *Gray value, one filter* is the nearest to the paper that switches allow: its \
          4-D density, region normalisation and one mean filter along the wire (12 mm; the paper names no length), but with our \
          alignment, our gray scale, and views that share what they see. So the gain over the paper itself is not shown by this \
-         table.",
+         table. *Further factors* are changes across the wires, their grain and its slant, and missing shading; the gray value \
+         itself is not judged beside them.",
     );
     page.figure("ablation", "Averaged ROC curves of the configurations", &[figures::averages(&all)], 1);
     page.table(
