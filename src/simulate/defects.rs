@@ -1,7 +1,7 @@
 //! Defects: their kinds, how they are planted, and what they do to the rope's shape.
 
 use super::noise::{Stream, generator};
-use super::recipe::METRES_PER_DEFECT;
+use super::recipe_limits::METRES_PER_DEFECT;
 use super::scene::Scene;
 use super::trace::wrap;
 use rand::Rng;

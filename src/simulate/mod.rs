@@ -18,6 +18,7 @@ pub mod light;
 pub mod noise;
 pub mod photographic; // the kind that looks like rope in service
 pub mod recipe;
+pub mod recipe_limits; // and what it must keep to
 pub mod scene;
 pub mod sensor;
 pub mod trace; // the nearest surface behind every pixel
@@ -25,7 +26,8 @@ pub mod truth; // the tables of what is true
 pub mod write;
 
 pub use labels::Label;
-pub use recipe::{Background, Kind, Recipe, RecipeError};
+pub use recipe::{Background, Kind, Recipe};
+pub use recipe_limits::RecipeError;
 pub use scene::Scene;
 pub use write::{RenderProgress, SimulateError, write_acquisition};
 

@@ -117,6 +117,7 @@ pub mod estimates;
 pub mod evidence;
 mod expected_row;
 pub mod factor;
+mod filter_rows;
 pub mod filtering;
 mod fitting;
 mod gathering;
