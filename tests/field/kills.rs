@@ -204,6 +204,9 @@ fn full_no_job_is_lost_or_doubled_when_its_service_is_killed() {
     assert_eq!(std::fs::read_dir(data.path().join("work")).unwrap().count(), 0);
 }
 
+/// A frame that the service has whole is stored within this time, also on a busy machine.
+const SETTLING: Duration = Duration::from_millis(300);
+
 fn kill_the_client(kills: usize, frames_a_view: usize) {
     let mut rng = ChaCha8Rng::seed_from_u64(13);
     let (data, source) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
@@ -216,8 +219,19 @@ fn kill_the_client(kills: usize, frames_a_view: usize) {
         std::thread::sleep(Duration::from_millis(rng.random_range(20..500)));
         uploader.kill();
         let acknowledged = uploader.held();
-        let present = acquisition(&server, &token).map_or(0, |a| a["frames_present"].as_u64().unwrap());
-        assert!(present >= acknowledged);
+        // A frame that arrived whole just before the kill may still be on its way to the disk: nobody could know of it yet, and sending
+        // it again would be no fault.
+        let present = || acquisition(&server, &token).map_or(0, |a| a["frames_present"].as_u64().unwrap());
+        let mut before = present();
+        loop {
+            std::thread::sleep(SETTLING);
+            let now = present();
+            if now == before {
+                break;
+            }
+            before = now;
+        }
+        assert!(before >= acknowledged);
     }
     let report = start().report(WITHIN);
     assert_eq!(repeated_frames(&server.base, &token), 0, "frames were sent again that the service held");
