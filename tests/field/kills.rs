@@ -219,19 +219,18 @@ fn kill_the_client(kills: usize, frames_a_view: usize) {
         std::thread::sleep(Duration::from_millis(rng.random_range(20..500)));
         uploader.kill();
         let acknowledged = uploader.held();
+        let present = || acquisition(&server, &token).map_or(0, |a| a["frames_present"].as_u64().unwrap());
+        let mut held = present();
+        assert!(held >= acknowledged, "{acknowledged} frames were acknowledged, {held} are there");
         // A frame that arrived whole just before the kill may still be on its way to the disk: nobody could know of it yet, and sending
         // it again would be no fault.
-        let present = || acquisition(&server, &token).map_or(0, |a| a["frames_present"].as_u64().unwrap());
-        let mut before = present();
         loop {
             std::thread::sleep(SETTLING);
             let now = present();
-            if now == before {
+            if std::mem::replace(&mut held, now) == now {
                 break;
             }
-            before = now;
         }
-        assert!(before >= acknowledged);
     }
     let report = start().report(WITHIN);
     assert_eq!(repeated_frames(&server.base, &token), 0, "frames were sent again that the service held");
