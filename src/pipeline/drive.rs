@@ -1,5 +1,6 @@
 //! Runs the aligner over a range of an acquisition and hands out aligned stretches, in order.
 
+use super::behind::Behind;
 use super::stretches::{STRETCH_LINES, StretchReader};
 use super::{Acquisition, FrameSource, PipelineError, Progress, ProgressReport};
 use crate::vision::aligner::{AlignedStretch, Aligner};
@@ -34,8 +35,8 @@ impl Drive<'_> {
 
     /// The same; `tell` sees stretches that were settled together before the first of them is taken.
     ///
-    /// While a stretch is aligned, those before it are taken and the next one is decoded: none of the three keeps all processors
-    /// busy by itself.
+    /// While a stretch is aligned, the next one is decoded and those before it are taken: none of the three keeps all processors busy
+    /// by itself. Not to be called from a task of the pool in which all of them work.
     pub fn run_telling(
         &self,
         reader: &mut StretchReader<'_>,
@@ -44,7 +45,7 @@ impl Drive<'_> {
     ) -> Result<(), PipelineError> {
         let first_line = reader.range().start;
         let pitch_m = self.acquisition.line_pitch_mm / 1000.0;
-        let mut take_all = |settled: Settled| -> Result<(), PipelineError> {
+        let take_all = |settled: Settled| -> Result<(), PipelineError> {
             for stretch in settled.stretches {
                 let done_m = (stretch.first_line + stretch.lines - first_line) as f64 * pitch_m;
                 take(stretch, &settled.cameras)?;
@@ -53,45 +54,43 @@ impl Drive<'_> {
             Ok(())
         };
         let mut aligner = Aligner::new(self.acquisition.aligner_spec());
-        let (mut ahead, mut settled) = (None, Settled::default());
-        loop {
-            if self.progress.cancelled() {
-                return Err(PipelineError::Cancelled);
+        std::thread::scope(|scope| {
+            let mut taker = Behind::start(scope, take_all);
+            let mut ahead = None;
+            loop {
+                if self.progress.cancelled() {
+                    return Err(PipelineError::Cancelled);
+                }
+                let next = ahead.take().unwrap_or_else(|| reader.next_stretch())?;
+                let last = next.is_none();
+                // Nobody waits for a frame in here, where others' work waits, too.
+                let (stretches, read) = rayon::join(
+                    || match next {
+                        Some(stretch) => aligner.push(stretch),
+                        None => aligner.finish(),
+                    },
+                    || (!last && reader.is_there()).then(|| reader.next_stretch()),
+                );
+                ahead = read;
+                if !stretches.is_empty() {
+                    tell(&stretches)?;
+                    let cameras = aligner.cameras().unwrap_or_default();
+                    let total_m = (reader.range().end - first_line) as f64 * pitch_m;
+                    taker.give(Settled { stretches, cameras, total_m })?;
+                }
+                // What went wrong with what is known does not wait for frames that are still to come.
+                if ahead.is_none() {
+                    taker.catch_up()?;
+                }
+                if last {
+                    return Ok(());
+                }
             }
-            let next = ahead.take().unwrap_or_else(|| reader.next_stretch())?;
-            let last = next.is_none();
-            let before = std::mem::take(&mut settled);
-            // Nobody waits for a frame in here, where others' work waits, too.
-            let (aligned, (read, taken)) = rayon::join(
-                || match next {
-                    Some(stretch) => aligner.push(stretch),
-                    None => aligner.finish(),
-                },
-                || rayon::join(|| (!last && reader.is_there()).then(|| reader.next_stretch()), || take_all(before)),
-            );
-            taken?;
-            ahead = read;
-            if !aligned.is_empty() {
-                tell(&aligned)?;
-            }
-            settled = Settled {
-                stretches: aligned,
-                cameras: aligner.cameras().unwrap_or_default(),
-                total_m: (reader.range().end - first_line) as f64 * pitch_m,
-            };
-            // What is known does not wait for frames that are still to come.
-            if ahead.is_none() {
-                take_all(std::mem::take(&mut settled))?;
-            }
-            if last {
-                return Ok(());
-            }
-        }
+        })
     }
 }
 
 /// Stretches that are aligned and not yet taken.
-#[derive(Default)]
 struct Settled {
     stretches: Vec<AlignedStretch>,
     cameras: Vec<Camera>,

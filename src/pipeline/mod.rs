@@ -1,6 +1,7 @@
 //! Drives `vision` over an acquisition, wherever its frames come from.
 
 pub mod acquisition;
+mod behind;
 pub mod budget;
 pub mod closeup;
 mod detection;

@@ -20,7 +20,8 @@ class Service:
         self.token = self.new_token("admin")
         self.log = open(folder / "serve.log", "wb")
         self.process = subprocess.Popen(
-            [self.binary, "serve", "--data", self.data, "--listen", "127.0.0.1:0"],
+            # How much room the machine's disk has is not what is tested: a full one has tests of its own.
+            [self.binary, "serve", "--data", self.data, "--listen", "127.0.0.1:0", "--reserve-mb", "10"],
             stdout=subprocess.PIPE,
             stderr=self.log,
         )
