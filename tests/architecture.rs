@@ -269,8 +269,9 @@ fn every_file_is_named_after_its_idea() {
             EMPTY_NAMES.contains(&name)
         })
     };
-    let broken = rust_files("src")
+    let broken = ["src", "tests"]
         .into_iter()
+        .flat_map(rust_files)
         .map(|path| path.strip_prefix(root()).unwrap().to_path_buf())
         .filter(|path| nameless(path))
         .map(|path| Violation {

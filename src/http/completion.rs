@@ -1,7 +1,8 @@
 //! What an acquisition lacks, and its completion.
 
 use super::Problem;
-use super::acquisitions::{Acquisition, check_frames, load};
+use super::acquisition_body::Acquisition;
+use super::acquisitions::{check_frames, load};
 use super::extract::{Json, Path};
 use super::problem::{ReadProblems, WriteProblems};
 use crate::app::App;

@@ -3,6 +3,7 @@
 //! [`router`] shows every route and who may use it. One file a resource; [`problem`] is the one error type, [`extract`] the
 //! one way requests are read, [`guard`] stands before every route, [`server`] accepts connections.
 
+mod acquisition_body;
 pub mod acquisitions;
 mod archive_entries;
 pub mod arrivals;

@@ -5,28 +5,18 @@
 //! measured when the contours of the next one are known and answered when that one is measured, so that axis and courses are
 //! smoothed with both sides in view; memory is that of the gathered stretches.
 
-use super::agreement::Agreement;
 pub use super::aligner_spec::AlignerSpec;
 use super::camera::Camera;
 use super::contour::{Contours, extract};
 use super::courses::predict_wires;
-use super::encoder::EncoderEvidence;
 use super::estimates::{Estimates, NotAligned, estimate};
 use super::fitting::fit_from;
 use super::image::GrayImage;
 use super::lock::{Lock, lock};
+use super::measured::{Measured, Views};
 use super::measuring::{learn_template, measure, measure_wires, read_wires};
-use super::outline_detail::DetailSums;
-use super::reference::Reference;
-use super::shared_axis::SharedAxis;
-use super::strand_alignment::StrandAlignment;
-use super::stretch::{StrandKnots, ViewModel, ViewStretch};
-use super::template::TemplateSums;
-use super::unwrapping::{StripeTable, Stripes};
-use super::width::{WidthAgreement, WidthScatter};
-use super::wire_pattern::PatternSums;
+use super::stretch::{StrandKnots, ViewStretch};
 use super::wire_prediction::WirePrediction;
-use super::wire_tracking::{Grid, StripeShift, WireKnot};
 use rayon::prelude::*;
 use std::collections::VecDeque;
 
@@ -64,55 +54,6 @@ pub struct AlignedStretch {
     pub views: Vec<ViewStretch>,
     /// What was estimated, or why nothing was.
     pub estimates: Result<Estimates, NotAligned>,
-}
-
-/// A stretch with everything measured in it.
-#[derive(Debug)]
-pub(super) struct Measured {
-    pub first_line: usize,
-    pub lines: usize,
-    pub views: Vec<ViewStretch>,
-    pub fit: Result<StrandAlignment, NotAligned>,
-    pub reference: Option<Reference>,
-    pub strands: StrandKnots,
-    pub stripes: Vec<Stripes>,
-    /// `wires[v][j]`: measured wires per knot.
-    pub wires: Vec<Vec<Vec<WireKnot>>>,
-}
-
-impl Measured {
-    pub fn knots(&self, spec: &AlignerSpec) -> usize {
-        self.lines.div_ceil(spec.knot_lines)
-    }
-
-    pub fn grid(&self, spec: &AlignerSpec) -> Grid {
-        Grid {
-            first_mm: self.first_line as f64 * spec.pitch_mm,
-            pitch_mm: spec.pitch_mm,
-            reading_lines: spec.reading_lines,
-            knot_lines: spec.knot_lines,
-            knots: self.knots(spec),
-        }
-    }
-}
-
-/// Everything that was learnt of the views by the lock, and refined while tracking.
-#[derive(Debug)]
-pub(super) struct Views {
-    pub models: Vec<ViewModel>,
-    pub sums: Vec<TemplateSums>,
-    pub pattern_sums: Vec<PatternSums>,
-    pub detail_sums: Vec<DetailSums>,
-    pub shifts: Vec<StripeShift>,
-    pub wire_noise_scale: f64,
-    pub shared_axis: SharedAxis,
-    pub encoder: EncoderEvidence,
-    pub agreement: Agreement,
-    pub table: StripeTable,
-    /// Mean column of each view's axis where the rope was found: there its scale was fitted.
-    pub found_axis_px: Vec<f64>,
-    pub widths: Vec<WidthScatter>,
-    pub width_agreement: WidthAgreement,
 }
 
 /// Aligns stretch after stretch.

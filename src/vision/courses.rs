@@ -1,9 +1,10 @@
 //! Smoothed courses of the strands and their wires over consecutive stretches.
 
-use super::aligner::{AlignerSpec, Measured};
+use super::aligner::AlignerSpec;
 use super::course::Course;
 use super::encoder::{EncoderCourse, EncoderEvidence};
 use super::estimates::measured_rate;
+use super::measured::Measured;
 use super::smoothing::{Chain, CoursePrior, Measurement, Observation, smooth};
 use super::stretch::fuse;
 use super::wire_prediction::WirePrediction;

@@ -8,8 +8,9 @@
 //! The scale of a view was fitted to the nominal diameter when the rope was found. So diameters tell how the rope changes along
 //! itself, and differs from view to view as against there, but not how thick it is, unless somebody measured the scale.
 
-use super::aligner::{AlignerSpec, Measured, Views};
+use super::aligner::AlignerSpec;
 use super::calibrated_width::{EDGES_PX, calibrated};
+use super::measured::{Measured, Views};
 use super::reference::Reference;
 use super::stretch::ViewStretch;
 use super::width::{block_ratios, straight};

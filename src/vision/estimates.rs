@@ -1,11 +1,12 @@
 //! Lay lengths and phases of a stretch, looseness and diameter, each with its uncertainty, or the reason why there is none.
 
-use super::aligner::{AlignerSpec, Measured, Views};
+use super::aligner::AlignerSpec;
 use super::course::Course;
 use super::courses::{JointCourses, StrandCourses, courses_of_view, joint_courses};
 use super::diameter::{Diameters, WithSd, diameters};
 use super::error_ratios::ErrorRatios;
 use super::looseness::spread;
+use super::measured::{Measured, Views};
 use super::wire_tracking::coherence;
 use rayon::prelude::*;
 use std::f64::consts::TAU;

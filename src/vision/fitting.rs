@@ -1,7 +1,8 @@
 //! Finds the straight course of the strands through a stretch by its contours, in the interval that the rope's design allows.
 
-use super::aligner::{AlignerSpec, LEAST_FOUND, LEAST_SCORE, Measured};
+use super::aligner::{AlignerSpec, LEAST_FOUND, LEAST_SCORE};
 use super::estimates::NotAligned;
+use super::measured::Measured;
 use super::reference::Reference;
 use super::strand_alignment::{StrandAlignment, polish, search};
 use super::stretch::ViewModel;

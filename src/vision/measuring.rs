@@ -1,9 +1,10 @@
 //! Measures strands and wires of a stretch knot by knot, and learns from it how the rope looks.
 
-use super::aligner::{AlignerSpec, LEAST_FOUND, Measured, Views};
+use super::aligner::{AlignerSpec, LEAST_FOUND};
 use super::camera::Camera;
 use super::course::Course;
 use super::courses::{StrandCourses, strand_courses, with};
+use super::measured::{Measured, Views};
 use super::outline_detail::OutlineDetail;
 use super::reference::Reference;
 use super::shade::Shade;

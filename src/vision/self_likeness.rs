@@ -3,7 +3,8 @@
 //! A photograph shows less than one lay: a handful of bumps in the contours, and the light eats at some of them. The whole
 //! near side repeats with every strand, so the rate at which a mean over all strands explains the picture best is the rope's.
 
-use super::aligner::{AlignerSpec, Measured};
+use super::aligner::AlignerSpec;
+use super::measured::Measured;
 use super::reference::Reference;
 use super::registration::CUT;
 use super::strand_alignment::StrandAlignment;

@@ -8,12 +8,8 @@
 //! which needs no interpolation of gray values. And the search runs over rate and phase in the middle of what is seen instead of lay
 //! length and offset at x = 0: far from the origin these two can hardly be told apart, and a simplex creeps along their valley.
 
-use super::camera::Camera;
-use super::image::GrayImage;
-use super::rope::Rope;
 use super::simplex::{Termination, minimise};
-use super::surface::{StrandSpan, visible_spans};
-use super::synthesis::{StrandWires, columns};
+use super::strand_pixels::StrandPixels;
 use super::wire::WireHelix;
 use std::f64::consts::TAU;
 
@@ -44,114 +40,7 @@ pub struct WireAlignment {
     pub termination: Termination,
 }
 
-/// One line of a strand.
-#[derive(Debug, Clone)]
-struct StrandLine {
-    x_mm: f64,
-    axis_px: f64,
-    span: StrandSpan,
-    first_column: usize,
-    /// Where its gray values lie among all.
-    from: usize,
-    to: usize,
-}
-
-/// Lines of one view.
-#[derive(Debug, Clone, Copy)]
-pub struct ViewLines<'a> {
-    /// The gray values.
-    pub image: &'a GrayImage,
-    /// Column of the rope axis at every line; NaN where unknown.
-    pub axis_px: &'a [f32],
-    /// Position of line 0 in mm.
-    pub first_mm: f64,
-    /// Rope per line in mm.
-    pub pitch_mm: f64,
-}
-
-/// The pixels of one view that show one strand.
-#[derive(Debug, Clone)]
-pub struct StrandPixels<'a> {
-    rope: &'a Rope,
-    camera: &'a Camera,
-    lines: Vec<StrandLine>,
-    grays: Vec<f32>,
-}
-
-impl<'a> StrandPixels<'a> {
-    /// Gathers the pixels of strand `j`; `phases_rad(line, out)` gives the phases of all strands, rope axes.
-    pub fn gather(
-        rope: &'a Rope,
-        camera: &'a Camera,
-        view: ViewLines<'_>,
-        j: usize,
-        phases_rad: impl Fn(usize, &mut [f64]),
-    ) -> Self {
-        let mut phases = vec![0.0; rope.strands()];
-        let mut spans = Vec::new();
-        let (mut lines, mut grays) = (Vec::new(), Vec::new());
-        for line in (0..view.image.lines()).filter(|&line| view.axis_px[line].is_finite()) {
-            phases_rad(line, &mut phases);
-            visible_spans(rope, camera, &phases, &mut spans);
-            let Some(span) = spans.iter().find(|s| s.strand == j) else { continue };
-            let axis_px = f64::from(view.axis_px[line]);
-            let columns = columns(span, axis_px, view.image.width());
-            let from = grays.len();
-            grays.extend(view.image.line(line)[columns.clone()].iter().map(|&g| f32::from(g)));
-            lines.push(StrandLine {
-                x_mm: view.first_mm + line as f64 * view.pitch_mm,
-                axis_px,
-                span: *span,
-                first_column: columns.start,
-                from,
-                to: grays.len(),
-            });
-        }
-        Self { rope, camera, lines, grays }
-    }
-
-    /// NCC^2d of eq. 14 over every `stride`-th line. 0 if image or synthesis are without contrast.
-    pub fn correlation(&self, wire: WireHelix, stride: usize) -> f64 {
-        let (mut drawn, mut depths) = (Vec::new(), Vec::new());
-        let mut sums = [0.0f64; 6];
-        for line in self.lines.iter().step_by(stride.max(1)) {
-            let grays = &self.grays[line.from..line.to];
-            drawn.resize(grays.len(), 0.0);
-            let phase_rad = wire.phase_rad(self.rope, 0, line.x_mm);
-            StrandWires::new(self.rope, self.camera, &line.span, phase_rad).draw(
-                line.axis_px,
-                line.first_column,
-                &mut drawn,
-                &mut depths,
-            );
-            let mut row = [0.0f32; 5];
-            for (&g, &m) in grays.iter().zip(&drawn) {
-                row[0] += g;
-                row[1] += m;
-                row[2] += g * g;
-                row[3] += m * m;
-                row[4] += g * m;
-            }
-            for (sum, r) in sums.iter_mut().zip(row) {
-                *sum += f64::from(r);
-            }
-            sums[5] += grays.len() as f64;
-        }
-        let [g, m, gg, mm, gm, n] = sums;
-        let variances = (n * gg - g * g) * (n * mm - m * m);
-        if variances > 0.0 { (n * gm - g * m) / variances.sqrt() } else { 0.0 }
-    }
-
-    /// Length of rope in mm from the first line that shows the strand to the last.
-    pub fn length_mm(&self) -> f64 {
-        self.extent_mm().map_or(0.0, |(first_mm, last_mm)| last_mm - first_mm)
-    }
-
-    /// First and last position at which the strand is seen.
-    fn extent_mm(&self) -> Option<(f64, f64)> {
-        Some((self.lines.first()?.x_mm, self.lines.last()?.x_mm))
-    }
-
+impl StrandPixels<'_> {
     /// The wires with lay lengths between `lays_mm` (both of one sign) that maximise the correlation. `None` if the strand is seen
     /// for too short a piece, or the optimum lies at an edge of the range: an edge is never an answer.
     pub fn align_wires(&self, lays_mm: (f64, f64)) -> Option<WireAlignment> {
@@ -211,8 +100,10 @@ impl<'a> StrandPixels<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::rope::RopeDesign;
+    use crate::vision::camera::Camera;
+    use crate::vision::rope::{Rope, RopeDesign};
     use crate::vision::strand::StrandHelix;
+    use crate::vision::strand_pixels::ViewLines;
     use crate::vision::synthesis::{Raster, gray_image, synthesise};
 
     /// White noise of the standard deviation `sd`: twelve uniform numbers have the variance 1.
@@ -267,7 +158,7 @@ mod tests {
                         *phase = strand.phase_rad(&rope, j, line as f64 * PITCH_MM);
                     }
                 });
-                if seen.lines.len() < LINES / 3 {
+                if seen.length_mm() < LINES as f64 * PITCH_MM / 3.0 {
                     return None;
                 }
                 let found =

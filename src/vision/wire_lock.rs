@@ -1,10 +1,11 @@
 //! Finds the wires in a few gathered stretches whose strands are known: search, count, light's shift, and their pattern.
 
-use super::aligner::{AlignerSpec, Measured, Views};
+use super::aligner::AlignerSpec;
 use super::courses::{StrandCourses, joint_courses, predict_wires};
 use super::encoder::EncoderEvidence;
 use super::estimates::measured_rate;
 use super::lock::runs;
+use super::measured::{Measured, Views};
 use super::measuring::{learn_pattern, measure_wires, read_wires, renew_patterns};
 use super::noise_scale::{normalised, residual_scale};
 use super::outline_detail::DetailSums;

@@ -1,6 +1,6 @@
 //! Who may do what, for every route of the contract.
 
-use crate::helpers::{Caller, TestApp};
+use crate::app::{Caller, TestApp};
 use ropescope::store::tokens::Role;
 use serde_json::{Value, json};
 

@@ -1,6 +1,6 @@
 //! Acquisitions: announced, completed, deleted.
 
-use crate::helpers::{TestApp, new_id, png};
+use crate::app::{TestApp, new_id, png};
 use serde_json::{Value, json};
 
 #[tokio::test]

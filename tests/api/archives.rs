@@ -1,6 +1,6 @@
 //! Recordings that come as one file over tus: kept as far as they arrived, and taken only when they are honest.
 
-use crate::helpers::{Answer, Caller, SENSOR_PX, TestApp, design, png, png_of};
+use crate::app::{Answer, Caller, SENSOR_PX, TestApp, design, png, png_of};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use ropescope::store::tokens::Role;

@@ -1,6 +1,6 @@
 //! The card that says why a defect is one, from a real training and inspection.
 
-use crate::helpers::new_id;
+use crate::app::new_id;
 use crate::process::{Process, token};
 use crate::simulated::{caller, simulated, upload};
 use ropescope::drawing::heat;

@@ -1,6 +1,6 @@
 //! `openapi.yaml` and the router are the same contract.
 
-use crate::helpers::TestApp;
+use crate::app::TestApp;
 
 #[tokio::test]
 async fn the_committed_contract_is_the_one_that_is_served() {

@@ -1,6 +1,6 @@
 //! The real program, killed without warning.
 
-use crate::helpers::{Caller, SENSOR_PX, png, png_of};
+use crate::app::{Caller, SENSOR_PX, png, png_of};
 use crate::process::{Process, token};
 use crate::simulated::{caller, simulated, upload};
 use ropescope::simulate::Recipe;

@@ -1,6 +1,6 @@
 //! Frames: every bad one is refused with its own problem and changes nothing.
 
-use crate::helpers::{LINES, SENSOR_PX, TestApp, new_id, png, png_of};
+use crate::app::{LINES, SENSOR_PX, TestApp, new_id, png, png_of};
 use base64::Engine;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};

@@ -1,6 +1,6 @@
 //! Jobs: asked for, watched, cancelled, handed back.
 
-use crate::helpers::{TestApp, new_id, png, rope};
+use crate::app::{TestApp, new_id, png, rope};
 use serde_json::{Value, json};
 use std::sync::atomic::Ordering;
 
@@ -124,7 +124,7 @@ async fn a_job_is_handed_back_when_the_service_goes_down_and_runs_again_in_the_n
 #[tokio::test]
 async fn two_services_on_one_data_folder_are_refused() {
     let app = TestApp::start().await;
-    let second = ropescope::service::Service::start(crate::helpers::settings(app.data.path())).await;
+    let second = ropescope::service::Service::start(crate::app::settings(app.data.path())).await;
     let error = second.err().expect("refused").to_string();
     assert!(error.contains("in use by another"), "{error}");
 }

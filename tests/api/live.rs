@@ -1,6 +1,6 @@
 //! Inspections of acquisitions that are still arriving: what they show meanwhile, what they wait for, how they end.
 
-use crate::helpers::{TestApp, new_id, png};
+use crate::app::{TestApp, new_id, png};
 use ropescope::store::tokens::Role;
 use serde_json::{Value, json};
 use std::time::Duration;

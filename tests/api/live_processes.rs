@@ -1,6 +1,6 @@
 //! The real program inspects rope that is still arriving: the end is that of an undisturbed run, byte for byte.
 
-use crate::helpers::Caller;
+use crate::app::Caller;
 use crate::process::{Process, token};
 use crate::simulated::{caller, complete, frames, open, rope_of, simulated, upload};
 use ropescope::simulate::Recipe;

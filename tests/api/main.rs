@@ -4,12 +4,12 @@
 
 mod access;
 mod acquisitions;
+mod app;
 mod archives;
 mod card;
 mod contract;
 mod crash;
 mod frames;
-mod helpers;
 mod jobs;
 mod leases;
 mod live;
@@ -25,4 +25,5 @@ mod ropes;
 mod simulated;
 mod surface_alarms;
 mod thresholds;
+mod toy_engine;
 mod training;

@@ -1,6 +1,6 @@
 //! Manifests: what is announced is not asked for twice, and what has no room is refused before the first byte.
 
-use crate::helpers::{Answer, Caller, LINES, TestApp, png};
+use crate::app::{Answer, Caller, LINES, TestApp, png};
 use ropescope::store::tokens::Role;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};

@@ -1,6 +1,6 @@
 //! Reduced forms of frames, sent before them: what is taken, what becomes of it, and that none of it lasts.
 
-use crate::helpers::{Answer, Caller, TestApp, png, png_of};
+use crate::app::{Answer, Caller, TestApp, png, png_of};
 use ropescope::store::tokens::Role;
 use serde_json::{Value, json};
 use std::time::Duration;

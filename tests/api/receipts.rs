@@ -1,13 +1,13 @@
 //! Receipts and certificates: signed, and never about frames that the disk does not have.
 
-use crate::helpers::{TestApp, png};
+use crate::app::{TestApp, png};
 use ropescope::signature;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::time::Duration;
 
 /// Asks for a receipt until there is one, or a problem.
-async fn settled(app: &TestApp, id: &str) -> crate::helpers::Answer {
+async fn settled(app: &TestApp, id: &str) -> crate::app::Answer {
     for _ in 0..200 {
         let answer = app.admin.post(&format!("acquisitions/{id}/receipt"), json!({})).await;
         if answer.status != 202 {

@@ -1,6 +1,6 @@
 //! What inspections answer: lay lengths, defects, scores, pictures, history.
 
-use crate::helpers::{LINES, SENSOR_PX, TestApp, new_id};
+use crate::app::{LINES, SENSOR_PX, TestApp, new_id};
 use ropescope::store::tokens::Role;
 use serde_json::{Value, json};
 
@@ -149,7 +149,7 @@ async fn pictures_show_any_range_scaled_and_small_defects_stay_dark() {
     assert_eq!(app.admin.send(again).await.status, 304);
     let image = app.admin.get(&format!("{path}/image.png?from_m=5.01&to_m=5.02")).await;
     let image = image::load_from_memory(&image.bytes).unwrap().to_luma8();
-    let frame = image::load_from_memory(&crate::helpers::png(1)).unwrap().to_luma8();
+    let frame = image::load_from_memory(&crate::app::png(1)).unwrap().to_luma8();
     assert!(image == frame, "metres 5.01 to 5.02 are the lines of frame 1");
     app.admin.get(&format!("{path}/image.png?from_line=300")).await.problem(422, "out-of-range");
     for name in ["from_line", "to_line"] {
@@ -172,7 +172,7 @@ async fn history_puts_the_dates_of_a_rope_on_one_grid() {
             "acquired_at": format!("{month}-01T10:00:00Z") });
         let id = app.admin.post("acquisitions", body).await.ok(201)["id"].as_str().unwrap().to_owned();
         for n in 0..3 {
-            app.admin.put_frame(&id, 0, n, crate::helpers::png(n as u8)).await.ok(201);
+            app.admin.put_frame(&id, 0, n, crate::app::png(n as u8)).await.ok(201);
         }
         app.admin.post(&format!("acquisitions/{id}/completion"), json!({ "views": [{ "frames": 3 }] })).await.ok(200);
         for _ in 0..2 {

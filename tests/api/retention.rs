@@ -1,6 +1,6 @@
 //! Retention: frames go when their time is over, and never as long as somebody may need them.
 
-use crate::helpers::{TestApp, png};
+use crate::app::{TestApp, png};
 use serde_json::{Value, json};
 
 const DAY_MS: i64 = 86_400_000;

@@ -1,6 +1,6 @@
 //! Ropeways, ropes, pages, and what every route has in common.
 
-use crate::helpers::{TestApp, design, new_id, rope};
+use crate::app::{TestApp, design, new_id, rope};
 use serde_json::json;
 
 #[tokio::test]
@@ -100,7 +100,7 @@ async fn whatever_goes_wrong_is_a_problem() {
 #[tokio::test]
 async fn health_needs_no_token_and_metrics_do() {
     let app = TestApp::start().await;
-    let nobody = crate::helpers::Caller { token: None, ..app.admin.clone() };
+    let nobody = crate::app::Caller { token: None, ..app.admin.clone() };
     assert_eq!(nobody.get("/healthz").await.ok(200)["status"], "ok");
     nobody.get("/readyz").await.ok(200);
     nobody.get("/metrics").await.problem(401, "unauthorized");

@@ -1,6 +1,6 @@
 //! Simulated rope for tests with the real program.
 
-use crate::helpers::{Caller, rope};
+use crate::app::{Caller, rope};
 use crate::process::Process;
 use ropescope::simulate::{Recipe, Scene, write_acquisition};
 use serde_json::{Value, json};

@@ -1,6 +1,6 @@
 //! Surface alarms over windows of rope.
 
-use crate::helpers::{TestApp, new_id};
+use crate::app::{TestApp, new_id};
 use serde_json::{Value, json};
 
 fn unlimited(unit: &str, length: f64) -> Value {

@@ -1,6 +1,7 @@
 //! Thresholds apart from scores: tried on past inspections, set with who and why, and used from then on.
 
-use crate::helpers::{TRAINED_THRESHOLD, TestApp, new_id};
+use crate::app::{TestApp, new_id};
+use crate::toy_engine::TRAINED_THRESHOLD;
 use serde_json::{Value, json};
 
 /// Metres as JSON carries them, to the micrometre.

@@ -1,6 +1,6 @@
 //! Trainings on several acquisitions of one rope.
 
-use crate::helpers::{Caller, LINES, SENSOR_PX, TestApp, new_id, png, png_of, rope};
+use crate::app::{Caller, LINES, SENSOR_PX, TestApp, new_id, png, png_of, rope};
 use ropescope::store::tokens::Role;
 use serde_json::{Value, json};
 
@@ -15,7 +15,7 @@ async fn two_days(admin: &Caller) -> (String, String, String) {
     (rope, may, august)
 }
 
-/// A complete acquisition that was taken otherwise than those of the helpers.
+/// A complete acquisition that was taken otherwise than those of `Caller`.
 async fn taken_otherwise(admin: &Caller, rope: &str, sensor_px: u32, change: Value) -> String {
     let mut body = json!({ "rope_id": rope, "line_pitch_mm": 0.1, "sensor_px": sensor_px, "views": [{ "angle_deg": 0.0, "frames": 1 }] });
     body.as_object_mut().unwrap().extend(change.as_object().unwrap().clone());

@@ -2,6 +2,6 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on says where")]
 
-mod helpers;
+mod house;
 mod once;
 mod receivers;

@@ -1,6 +1,6 @@
 //! Exactly one event a defect.
 
-use crate::helpers::{House, Receiver, all};
+use crate::house::{House, Receiver, all};
 use ropescope::clock::Clock;
 use ropescope::store::defects::Judged;
 use std::sync::Arc;

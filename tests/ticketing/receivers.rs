@@ -1,6 +1,6 @@
 //! Receivers that fail, stall, repeat, move away or lie about where they live.
 
-use crate::helpers::{House, Mood, Receiver, all};
+use crate::house::{House, Mood, Receiver, all};
 use ropescope::store::deliveries::Redelivery;
 use ropescope::ticketing::{guard, schedule};
 use std::sync::Arc;

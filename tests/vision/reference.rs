@@ -9,9 +9,9 @@ use ropescope::vision::contour::Contours;
 use ropescope::vision::model_contour::ModelContour;
 use ropescope::vision::rope::{Rope, RopeDesign};
 use ropescope::vision::strand::StrandHelix;
+use ropescope::vision::strand_pixels::{StrandPixels, ViewLines};
 use ropescope::vision::synthesis::{Raster, gray_image, synthesise};
 use ropescope::vision::wire::WireHelix;
-use ropescope::vision::wire_alignment::{StrandPixels, ViewLines};
 use std::f64::consts::TAU;
 
 const PITCH_MM: f64 = 0.2;
