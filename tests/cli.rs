@@ -112,6 +112,29 @@ fn a_rope_is_learnt_inspected_and_told_about() {
 }
 
 #[test]
+fn places_to_look_at_again_are_told_and_listed_and_alarms_lie_on_the_rope() {
+    let folder = trained().0.path();
+    // So low that intact rope has both.
+    let levels = ["--threshold", "3", "--look-again", "2"];
+    let arguments = [&["inspect", "rope", "--model", "rope.model", "--out", "low", "--json"][..], &levels[..]].concat();
+    let ran = ropescope(folder, &arguments);
+    let said: Value = serde_json::from_slice(&ran.stdout).unwrap();
+    let listed = |name: &str| -> Vec<Value> {
+        serde_json::from_slice(&std::fs::read(folder.join("low").join(name)).unwrap()).unwrap()
+    };
+    let (defects, again) = (listed("defects.json"), listed("look_again.json"));
+    assert!(defects.len() > 5 && !again.is_empty(), "{} and {}", defects.len(), again.len());
+    assert_eq!(said["summary"]["look_again"], json!(again.len()));
+    assert_eq!(said["look_again"], json!(again));
+
+    // 190 columns of rope, which sways by a few.
+    for alarm in defects.iter().chain(&again).flat_map(|place| place["alarms"].as_array().unwrap()) {
+        let (first, last) = (alarm["first_column"].as_u64().unwrap(), alarm["last_column"].as_u64().unwrap());
+        assert!((15..=last).contains(&first) && last < 225, "{alarm}");
+    }
+}
+
+#[test]
 fn folders_and_files_of_something_else_are_not_written_to() {
     let folder = trained().0.path();
     for (arguments, words) in [

@@ -1,5 +1,6 @@
 //! What an inspection says in the end: a page for people, one JSON object for scripts.
 
+use super::results_out::RESULTS;
 use anyhow::Context;
 use ropescope::pipeline::Acquisition;
 use ropescope::pipeline::diameters::Place;
@@ -81,15 +82,6 @@ impl Report {
         let design = acquisition.rope.design();
         let wire = |j: usize| fused.iter().map(move |row| row.wires.get(j).and_then(|w| w.lay_mm));
         let strands = acquisition.rope.strands();
-        let names = [
-            "lay_lengths.csv",
-            "displacement.csv",
-            "line_scores.csv",
-            "defects.json",
-            "look_again.json",
-            "summary.json",
-            "maps",
-        ];
         Ok(Self {
             event: "done",
             results: folder.into(),
@@ -104,7 +96,7 @@ impl Report {
                 Some(_) => Some(results_folder::look_again(folder).context("the results cannot be read back")?),
                 None => None,
             },
-            files: names.iter().map(|name| folder.join(name)).filter(|path| path.exists()).collect(),
+            files: RESULTS.iter().map(|name| folder.join(name)).filter(|path| path.exists()).collect(),
             summary,
         })
     }
@@ -217,11 +209,7 @@ fn write_places(f: &mut fmt::Formatter<'_>, defects: &[DefectRow], file: &str) -
             part("wire", d.wire),
             views.join(" "),
             d.peak_score,
-            d.suggestion.as_ref().map_or_else(String::new, |s| format!(
-                ", likely {}: {}",
-                kind_in_words(s.kind),
-                s.why
-            ))
+            d.suggestion.as_ref().map_or_else(String::new, |s| format!(", {}: {}", kind_in_words(s.kind), s.why))
         )?;
     }
     if defects.len() > MOST_DEFECTS {
@@ -232,10 +220,10 @@ fn write_places(f: &mut fmt::Formatter<'_>, defects: &[DefectRow], file: &str) -
 
 fn kind_in_words(kind: Kind) -> &'static str {
     match kind {
-        Kind::Gap => "a gap",
-        Kind::MissingWire => "a missing wire",
-        Kind::ProtrudingWire => "a protruding wire",
-        Kind::SurfaceChange => "a changed surface",
-        Kind::Unclear => "unclear",
+        Kind::Gap => "likely a gap",
+        Kind::MissingWire => "likely a missing wire",
+        Kind::ProtrudingWire => "likely a protruding wire",
+        Kind::SurfaceChange => "likely a changed surface",
+        Kind::Unclear => "kind unclear",
     }
 }

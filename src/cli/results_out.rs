@@ -7,8 +7,15 @@ use std::path::{Path, PathBuf};
 /// Where results are made.
 const PARTIAL: &str = ".ropescope-partial";
 /// What results consist of. The summary last: a folder without it is not whole.
-const RESULTS: [&str; 6] =
-    ["lay_lengths.csv", "displacement.csv", "line_scores.csv", "maps", "defects.json", "summary.json"];
+pub(crate) const RESULTS: [&str; 7] = [
+    "lay_lengths.csv",
+    "displacement.csv",
+    "line_scores.csv",
+    "maps",
+    "defects.json",
+    "look_again.json",
+    "summary.json",
+];
 
 /// A results folder that is being written.
 pub(crate) struct ResultsOut {

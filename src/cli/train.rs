@@ -148,7 +148,7 @@ fn summary(args: &TrainArgs, report: &TrainReport, views: usize, bytes: u64) -> 
     );
     if let Some(fit) = &report.budget {
         text += &format!(
-            "look again  line score {:.3}: {} false places per 100 m, {:.1} to {:.1} with 95 %\n",
+            "look again  line score {:.3}: {:.1} false places per 100 m, {:.1} to {:.1} with 95 %\n",
             fit.look_again.line_score,
             fit.look_again.false_defects_per_100m,
             fit.look_again.at_least_per_100m,

@@ -88,8 +88,8 @@ pub enum PictureAnswer {
     Known,
 }
 
-/// Likelihood map of a range of a view: rows are camera lines, dark is unlikely, transparent was not inspected. Scaled down by
-/// the darkest pixel, so that small defects stay visible
+/// Likelihood map of a range of a view: rows are camera lines, dark is unlikely, white is usual or was not judged (the inspection
+/// lists what was not covered), transparent has no frame. Scaled down by the darkest pixel, so that small defects stay visible
 #[utoipa::path(
     get,
     path = "/inspections/{id}/views/{view}/likelihood.png",

@@ -117,7 +117,7 @@ impl BudgetFit {
     /// Where the threshold comes from, as a sentence.
     pub fn origin(&self) -> String {
         format!(
-            "automatic, budget {}, 95 % between {:.1} and {:.1} false defects by the tail of {:.1} m of held-back intact rope",
+            "automatic, budget {}, 95 % between {:.1} and {:.1} false defects per 100 m by the tail of {:.1} m of held-back intact rope",
             self.budget, self.alarm.at_least_per_100m, self.alarm.at_most_per_100m, self.held_back_m
         )
     }

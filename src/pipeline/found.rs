@@ -58,6 +58,7 @@ impl DefectsSoFar {
 mod tests {
     use super::*;
     use crate::pipeline::acquisition::{RopeFile, ViewFile};
+    use crate::vision::defects::Look;
     use crate::vision::stretch_scores::StretchScores;
 
     fn acquisition() -> Acquisition {
@@ -98,7 +99,7 @@ mod tests {
         let mut most = 0;
         for first_line in (0..4000).step_by(1000) {
             let scores = scores(first_line, 1000, over);
-            builders[0].add(first_line, 1000, &scores, 0.2, |_| None);
+            builders[0].add(first_line, 1000, &scores, 0.2, |_| Look::default());
             let found = so_far.look(&acquisition, &builders, first_line + 1000);
             told.truncate(found.from);
             told.extend(found.rows.clone());

@@ -2,7 +2,7 @@
 //!
 //! Stored scores do not tell strands apart, so alarms of two strands at one place count as one place here.
 
-use crate::vision::defects::{AlarmBuilder, merge};
+use crate::vision::defects::{AlarmBuilder, Look, merge};
 use crate::vision::stretch_scores::StretchScores;
 use std::io::Read;
 
@@ -77,7 +77,7 @@ impl ScoreCourse {
         let mut first_line = 0;
         for &(score, lines) in &self.runs {
             if f64::from(score) > threshold {
-                builder.add(first_line, lines, &one_block(score, first_line, lines), 1.0, |_| None);
+                builder.add(first_line, lines, &one_block(score, first_line, lines), 1.0, |_| Look::default());
             }
             first_line += lines;
         }

@@ -37,8 +37,9 @@ impl<'a> Looker<'a> {
         Self { seen, scores, gray, tools: None }
     }
 
-    /// What a block over the threshold shows at its middle line.
-    pub fn look(&mut self, block: usize, threshold: f64) -> Option<Look> {
+    /// What a block over the threshold shows at its middle line. Its highest place may lie just beside what that line shows: then
+    /// nothing is told but the nearest column.
+    pub fn look(&mut self, block: usize, threshold: f64) -> Look {
         let (seen, scores, gray) = (self.seen, self.scores, self.gray);
         let camera = seen.camera;
         let Tools { scale, contour, map } = self.tools.get_or_insert_with(|| {
@@ -54,11 +55,12 @@ impl<'a> Looker<'a> {
         // A block may be over the threshold by its neighbours' help: then its highest place stands for it.
         let (strand, place) = scores.peaks[block];
         let limit = (threshold as f32).min(scores.cells[first + strand * scores.places + place]);
-        let near = |other: usize| {
+        let apart = |other: usize| {
             let apart = other.abs_diff(place);
-            apart.min(scores.places - apart) <= PLACES_PER_WIRE / 2
+            apart.min(scores.places - apart)
         };
         let mut columns: Option<(usize, usize)> = None;
+        let mut nearest = (true, usize::MAX, seen.view.axis_px[line] as usize);
         let mut over_places = vec![false; scores.places];
         let (mut wire, mut beside, mut over, mut peak_columns) = (Grays::default(), Grays::default(), 0.0, (0.0, 0.0));
         map.for_each(line, seen.view.axis_px[line], |point| {
@@ -66,7 +68,8 @@ impl<'a> Looker<'a> {
             let here = at(row, bins);
             let deviation = f64::from(here - gray.expected_at(point.theta, point.cell));
             let change = f64::from((here - at(past_row, past_bins)).abs());
-            let on_wire = point.strand == strand && near(point.place);
+            let on_wire = point.strand == strand && apart(point.place) <= PLACES_PER_WIRE / 2;
+            nearest = nearest.min((point.strand != strand, apart(point.place), point.column));
             if deviation.is_finite() {
                 if on_wire { wire.add(deviation, change) } else { beside.add(deviation, change) }
             }
@@ -81,14 +84,17 @@ impl<'a> Looker<'a> {
                 );
             }
         });
+        let Some(columns) = columns else {
+            return Look { columns: (nearest.2, nearest.2), ..Look::default() };
+        };
         let length_mm = scores.block_lines as f64 * seen.pitch_mm;
         let wires = over_places.iter().filter(|over| **over).count() as f64 / PLACES_PER_WIRE as f64;
         let angle_rad = (peak_columns.1 > 0.0).then(|| {
             let aside_mm = (peak_columns.0 / peak_columns.1 - f64::from(seen.view.axis_px[line])) / camera.px_per_mm;
             camera.angle_rad + (2.0 * aside_mm / seen.rope.diameter_mm()).clamp(-1.0, 1.0).asin()
         });
-        Some(Look {
-            columns: columns?,
+        Look {
+            columns,
             signs: Signs {
                 length_mm,
                 mm_wires: length_mm * wires,
@@ -98,7 +104,7 @@ impl<'a> Looker<'a> {
                 beyond_outline_mm: beyond_outline_mm(&seen, contour, line),
                 direction: angle_rad.map_or((0.0, 0.0), f64::sin_cos),
             },
-        })
+        }
     }
 }
 

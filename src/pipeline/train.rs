@@ -147,10 +147,12 @@ pub fn train(
         notes.push("only one stretch could be used, so its scores are those of rope that calibrated them and the threshold is too low: train on 2 m or more".to_owned());
     }
     if budget.left_out > 0 {
+        let places = match budget.left_out {
+            1 => "1 place of the rope looks like a defect and was".to_owned(),
+            more => format!("{more} places of the rope look like defects and were"),
+        };
         notes.push(format!(
-            "{} places of the rope look like defects and were left out of the threshold: inspect the range with this model and \
-             look at what it reports",
-            budget.left_out
+            "{places} left out of the threshold: inspect the range with this model and look at what it reports"
         ));
     }
     let report = TrainReport {

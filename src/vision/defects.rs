@@ -36,7 +36,7 @@ pub struct Alarm {
 /// What a block over the threshold shows.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Look {
-    /// First and last column over the threshold.
+    /// First and last column over the threshold, or nearest to the place that is.
     pub columns: (usize, usize),
     /// What they show.
     pub signs: Signs,
@@ -98,7 +98,7 @@ impl AlarmBuilder {
         lines: usize,
         scores: &StretchScores,
         wires_per_place: f64,
-        mut look: impl FnMut(usize) -> Option<Look>,
+        mut look: impl FnMut(usize) -> Look,
     ) {
         for (block, &score) in scores.blocks.iter().enumerate() {
             let score = f64::from(score);
@@ -108,7 +108,7 @@ impl AlarmBuilder {
             let from = first_line + block * scores.block_lines;
             let to = (from + scores.block_lines - 1).min(first_line + lines - 1);
             let (strand, place) = scores.peaks[block];
-            let Look { columns: (first_column, last_column), signs } = look(block).unwrap_or_default();
+            let Look { columns: (first_column, last_column), signs } = look(block);
             let wire = (place as f64 * wires_per_place) as usize;
             match &mut self.open {
                 Some(open) if from <= open.last_line + self.gap_lines => {
@@ -236,13 +236,10 @@ mod tests {
             places: 45,
         };
         let mut builder = AlarmBuilder::new(0, 4.0, 0.1);
-        builder.add(0, 20, &scores(vec![1.0, 2.0, 3.0, 6.0]), 0.2, |_| {
-            Some(Look { columns: (10, 12), ..Look::default() })
-        });
-        builder.add(20, 20, &scores(vec![5.0, f32::NAN, 1.0, 1.0]), 0.2, |_| {
-            Some(Look { columns: (8, 11), ..Look::default() })
-        });
-        builder.add(2000, 10, &scores(vec![9.0, 1.0]), 0.2, |_| None);
+        let shows = |columns| move |_| Look { columns, ..Look::default() };
+        builder.add(0, 20, &scores(vec![1.0, 2.0, 3.0, 6.0]), 0.2, shows((10, 12)));
+        builder.add(20, 20, &scores(vec![5.0, f32::NAN, 1.0, 1.0]), 0.2, shows((8, 11)));
+        builder.add(2000, 10, &scores(vec![9.0, 1.0]), 0.2, shows((7, 7)));
         let alarms = builder.finish();
         assert_eq!(alarms.len(), 2);
         assert_eq!((alarms[0].first_line, alarms[0].last_line), (15, 24));
