@@ -142,11 +142,15 @@ impl fmt::Display for Report {
             && let (Some(rate), Some(low), Some(high)) =
                 (fit.false_defects_per_100m, fit.at_least_per_100m, fit.at_most_per_100m)
         {
+            let verdict = match (fit.fits, fit.cannot_tell()) {
+                (false, _) => "retrain",
+                (true, true) => "too little rope to tell whether it fits",
+                (true, false) => "it fits",
+            };
             writeln!(
                 f,
-                "model fit   about {rate:.1} false defects per 100 m of this rope ({low:.1} to {high:.1} with 95 %), made for {}: {}",
+                "model fit   about {rate:.1} false defects per 100 m of this rope ({low:.1} to {high:.1} with 95 %), made for {}: {verdict}",
                 fit.budget_per_100m,
-                if fit.fits { "it fits" } else { "retrain" }
             )?;
         }
         self.write_defects(f)?;

@@ -66,6 +66,11 @@ pub struct ModelFit {
 }
 
 impl ModelFit {
+    /// Whether this rope promises more false defects than a fitting model may have, but is so short that chance may be the reason.
+    pub fn cannot_tell(&self) -> bool {
+        self.fits && self.false_defects_per_100m.is_some_and(|rate| rate > BEYOND_BUDGET * self.budget_per_100m)
+    }
+
     /// What a person should know; `None` while the model fits.
     pub fn warning(&self) -> Option<String> {
         if !self.fits && self.alarmed_share > MOST_ALARMED {
@@ -278,6 +283,16 @@ mod tests {
         let fit = rope(10.0, 30.0, 0.6, false).fit(&budget, &scores);
         assert!(!fit.fits && fit.metres == 0.0, "{fit:?}");
         assert!(fit.warning().unwrap().contains("100 % of it"), "{:?}", fit.warning());
+    }
+
+    #[test]
+    fn far_over_the_budget_on_so_little_rope_that_it_may_be_chance_is_neither_fit_nor_misfit() {
+        let (budget, scores) = trained();
+        let fit = rope(10.0, 0.0, 0.6, false).fit(&budget, &scores);
+        assert!(fit.fits && !fit.cannot_tell(), "{fit:?}");
+        let unsure = ModelFit { false_defects_per_100m: Some(9.0), at_least_per_100m: Some(1.1), ..fit };
+        assert!(unsure.cannot_tell() && unsure.warning().is_none());
+        assert!(!ModelFit { fits: false, ..unsure }.cannot_tell());
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Whether more rope would have taught a model more: how well held-back rope is predicted by parts of what was learnt from.
 
 use super::folds::{FOLDS, fold_of, without};
+use super::train::LEAST_M;
 use crate::vision::appearance::Appearance;
 use crate::vision::histogram::{CELLS, Histogram, SIGMA_BINS};
 use crate::vision::inspection_model::AlignedView;
@@ -23,17 +24,19 @@ pub struct LearningPoint {
     pub nats_per_pixel: f64,
 }
 
-/// Metres that would have been enough, if it was.
+/// Metres that would have been enough to know the grays, if it was; never less than training asks for.
 pub fn enough_m(curve: &[LearningPoint]) -> Option<f64> {
     let (last, before) = curve.split_last()?;
-    before.iter().find(|p| p.nats_per_pixel >= last.nats_per_pixel - ENOUGH_NATS).map(|p| p.metres)
+    before.iter().find(|p| p.nats_per_pixel >= last.nats_per_pixel - ENOUGH_NATS).map(|p| p.metres.max(LEAST_M))
 }
 
 /// The curve as a sentence; `None` with fewer than two points.
 pub fn sentence(curve: &[LearningPoint]) -> Option<String> {
     let [.., before, last] = curve else { return None };
     Some(match enough_m(curve) {
-        Some(metres) => format!("{metres:.1} m would have been enough to learn from"),
+        Some(metres) => format!(
+            "{metres:.1} m would have been enough to know the grays; the threshold is the surer, the more intact rope it rests on"
+        ),
         None => format!(
             "more rope would help: the last {:.1} m still brought {:.3} nats per pixel",
             last.metres - before.metres,
@@ -156,8 +159,17 @@ mod tests {
         );
         assert!(points[0].nats_per_pixel < points[7].nats_per_pixel - 0.05, "{points:?}");
         let enough = enough_m(&points).unwrap();
-        assert!((0.3..1.6).contains(&enough), "{points:?}");
-        assert_eq!(sentence(&points).unwrap(), format!("{enough:.1} m would have been enough to learn from"));
+        assert!((LEAST_M..1.6).contains(&enough), "{points:?}");
+        assert!(
+            sentence(&points).unwrap().starts_with(&format!("{enough:.1} m would have been enough to know the grays;"))
+        );
+    }
+
+    #[test]
+    fn nobody_is_told_that_less_is_enough_than_training_accepts() {
+        let point = |metres: f64| LearningPoint { metres, nats_per_pixel: 1.35 };
+        assert_eq!(enough_m(&[point(0.3), point(0.6), point(3.4)]), Some(LEAST_M));
+        assert_eq!(enough_m(&[point(1.2), point(3.4)]), Some(1.2));
     }
 
     #[test]

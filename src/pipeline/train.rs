@@ -74,7 +74,7 @@ impl TrainReport {
 }
 
 /// Least rope that must be aligned, in m.
-const LEAST_M: f64 = 0.8;
+pub(super) const LEAST_M: f64 = 0.8;
 /// Memory for the evidence of stretches that calibrate; what is made of it takes half as much again.
 const MOST_EVIDENCE_BYTES: usize = 350_000_000;
 /// Fewest stretches that are kept, if there are as many.
