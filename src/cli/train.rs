@@ -62,7 +62,7 @@ struct BudgetArgs {
     /// What false alarms may cost, in false defects per 100 m of intact rope [default: 2]
     #[arg(long, value_name = "N")]
     false_defects_per_100m: Option<f64>,
-    /// The same in metres to look at in vain, with 5 cm on either side of a false defect
+    /// The same in metres to look at in vain, a false defect with its 5 cm of context being 6 cm
     #[arg(long, value_name = "M")]
     reinspect_m_per_100m: Option<f64>,
 }

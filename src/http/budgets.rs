@@ -28,8 +28,8 @@ pub struct FalseDefectsBudget {
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReinspectBudget {
-    /// Metres per 100 m of rope, 5 cm on either side of a false defect included.
-    #[schema(minimum = 0.011, maximum = 11)]
+    /// Metres per 100 m of rope: false defects with 5 cm of context each, 25 mm on either side.
+    #[schema(minimum = 0.006, maximum = 6)]
     reinspect_m_per_100m: f64,
 }
 

@@ -85,7 +85,7 @@ pub struct ClosedDefect {
 /// What a threshold asks of people.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Effort {
-    /// Metres of rope with an alarm in any view.
+    /// Metres of rope to look at: alarms of any view, each with 5 cm of context.
     reinspect_m: f64,
     /// Defects.
     defects: usize,

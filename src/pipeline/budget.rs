@@ -1,11 +1,13 @@
 //! What false alarms may cost, in words of those who look at them, and the two thresholds that follow from it.
 
+use super::reinspection::CONTEXT_MM;
 use crate::vision::tail::Tail;
 use serde::{Deserialize, Serialize};
 
-/// Metres of rope that a false defect makes a person look at: 5 cm of context on either side [Wacker13, sec. 6.4] and an alarm of
-/// 10 mm, as most false ones are.
-const REINSPECT_M_PER_DEFECT: f64 = 0.11;
+/// Length of most false defects in mm.
+const FALSE_DEFECT_MM: f64 = 10.0;
+/// Metres of rope that a false defect makes a person look at.
+const REINSPECT_M_PER_DEFECT: f64 = (CONTEXT_MM + FALSE_DEFECT_MM) / 1000.0;
 /// Places to look at again may cost so many times what alarms may.
 const LOOK_AGAIN_BUDGETS: f64 = 5.0;
 /// Budget unless told otherwise: false defects per 100 m.
@@ -19,7 +21,7 @@ pub enum Budget {
     /// So many defects that are none.
     #[serde(rename = "false_defects_per_100m")]
     FalseDefects(f64),
-    /// So many metres that a person looks at in vain, 5 cm on either side of a false defect included.
+    /// So many metres that a person looks at in vain: false defects with 5 cm of context each, 25 mm on either side.
     #[serde(rename = "reinspect_m_per_100m")]
     ReinspectM(f64),
 }
@@ -151,9 +153,9 @@ mod tests {
     #[test]
     fn metres_and_defects_are_two_names_of_one_budget_and_both_have_limits() {
         assert_eq!(Budget::FalseDefects(2.0).false_defects(), Ok(2.0));
-        assert!((Budget::ReinspectM(0.22).false_defects().unwrap() - 2.0).abs() < 1e-9);
+        assert!((Budget::ReinspectM(0.12).false_defects().unwrap() - 2.0).abs() < 1e-9);
         let error = Budget::ReinspectM(50.0).false_defects().unwrap_err();
-        assert!(error.contains("50") && error.contains("11"), "{error}");
+        assert!(error.contains("50") && error.ends_with("between 0.006 and 6"), "{error}");
         assert!(Budget::FalseDefects(f64::NAN).false_defects().is_err());
     }
 

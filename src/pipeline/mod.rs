@@ -22,6 +22,7 @@ pub mod preview;
 pub mod profile;
 pub mod progress;
 pub mod quality;
+mod reinspection;
 pub mod rejudge;
 pub mod results;
 mod signs;

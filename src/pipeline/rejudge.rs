@@ -2,6 +2,7 @@
 //!
 //! Stored scores do not tell strands apart, so alarms of two strands at one place count as one place here.
 
+use super::reinspection::lines_to_look_at;
 use crate::vision::defects::{AlarmBuilder, Look, merge};
 use crate::vision::stretch_scores::StretchScores;
 use std::io::Read;
@@ -31,7 +32,7 @@ pub struct Place {
 /// What a threshold decides on one inspection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Judgement {
-    /// Metres of rope with an alarm in any view: what a person has to look at again.
+    /// Metres of rope that a person has to look at again: alarms of any view with their context.
     pub reinspect_m: f64,
     /// Alarms of one cause each, along the rope.
     pub places: Vec<Place>,
@@ -82,7 +83,8 @@ impl ScoreCourse {
             first_line += lines;
         }
         let alarms = builder.finish();
-        let reinspect_m = self.metres(alarms.iter().map(|a| a.last_line - a.first_line + 1).sum());
+        let extents = alarms.iter().map(|a| (a.first_line, a.last_line));
+        let reinspect_m = self.metres(lines_to_look_at(extents, self.pitch_mm, 0..first_line));
         let places = merge(alarms, self.pitch_mm)
             .iter()
             .map(|d| Place {
@@ -141,7 +143,7 @@ mod tests {
         assert!((course.inspected_m() - 0.06).abs() < 1e-12);
         let judged = course.judge(5.0);
         assert_eq!(judged.places, [Place { first_line: 500, last_line: 514, peak_score: 7.0 }]);
-        assert!((judged.reinspect_m - 0.0015).abs() < 1e-12);
+        assert!((judged.reinspect_m - 0.0515).abs() < 1e-12, "15 lines and 250 on either side, inspected or not");
         assert_eq!(course.judge(7.0).places, []);
     }
 
@@ -150,17 +152,17 @@ mod tests {
         let course = course(&[&[(1.0, 100), (6.0, 10), (1.0, 30), (6.0, 10), (1.0, 500), (6.0, 10)]]);
         let judged = course.judge(5.0);
         assert_eq!(judged.places.len(), 2, "3 mm apart is one place, 50 mm are two");
-        assert!((judged.reinspect_m - 0.006).abs() < 1e-12, "the gap inside an alarm is looked at too");
+        assert!((judged.reinspect_m - 0.066).abs() < 1e-12, "all of it: gaps and contexts are looked at too, once");
     }
 
     #[test]
     fn a_budget_gives_the_least_threshold_that_keeps_it() {
-        // 1 of 100 m over 8, 3 of 100 m over 4.
+        // 1 of 100 m over 8, 3 of 100 m over 4; 5 cm of context to each place.
         let course = course(&[&[(1.0, 600_000), (9.0, 10_000), (1.0, 200_000), (5.0, 20_000), (1.0, 170_000)]]);
         assert_eq!(course.inspected_m(), 100.0);
         let threshold = |budget| threshold_for(std::slice::from_ref(&course), budget).unwrap();
-        assert!((threshold(2.0) - 5.0).abs() < 1e-6, "{}", threshold(2.0));
-        assert!((threshold(3.0) - 1.0).abs() < 1e-6);
+        assert!((threshold(3.0) - 5.0).abs() < 1e-6, "{}", threshold(3.0));
+        assert!((threshold(3.2) - 1.0).abs() < 1e-6);
         assert!((threshold(0.0) - 9.0).abs() < 1e-6);
         assert_eq!(threshold_for(&[], 1.0), None);
     }

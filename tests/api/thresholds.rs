@@ -17,7 +17,8 @@ async fn another_threshold_is_tried_on_past_inspections_without_a_job() {
     let jobs = app.admin.get("jobs").await.ok(200);
     let defect = app.admin.get(&format!("inspections/{inspection}/defects")).await.ok(200)["items"][0].clone();
 
-    // Higher: the only defect, 9.0 on one line of 0.1 mm, is gone.
+    // Higher: the only defect, 9.0 on line 42, is gone; 25 mm on either side of it no longer need to be looked at.
+    const LOOKED_AT_UM: i64 = 29_300;
     let higher = app.admin.post(&path, json!({ "line_score": 9.5 })).await.ok(200);
     let past = &higher["inspections"][0];
     assert_eq!(
@@ -25,7 +26,7 @@ async fn another_threshold_is_tried_on_past_inspections_without_a_job() {
         (&json!(inspection), &json!(TRAINED_THRESHOLD))
     );
     assert_eq!(um(&past["inspected_m"]), 20_000, "of 30 mm the middle 10 mm have no score");
-    assert_eq!((um(&past["before"]["reinspect_m"]), &past["before"]["defects"]), (100, &json!(1)));
+    assert_eq!((um(&past["before"]["reinspect_m"]), &past["before"]["defects"]), (LOOKED_AT_UM, &json!(1)));
     assert_eq!((um(&past["after"]["reinspect_m"]), &past["after"]["defects"]), (0, &json!(0)));
     assert_eq!(past["closed"][0]["defect_id"], defect["defect_id"]);
     assert_eq!(past["opened"], json!([]));
@@ -33,7 +34,11 @@ async fn another_threshold_is_tried_on_past_inspections_without_a_job() {
     // Lower: the last line of the rope has 5.0.
     let lower = app.admin.post(&path, json!({ "line_score": 4 })).await.ok(200);
     let past = &lower["inspections"][0];
-    assert_eq!((um(&past["after"]["reinspect_m"]), &past["after"]["defects"]), (200, &json!(2)));
+    assert_eq!(
+        (um(&past["after"]["reinspect_m"]), &past["after"]["defects"]),
+        (30_000, &json!(2)),
+        "two contexts overlap"
+    );
     let opened = &past["opened"][0];
     assert_eq!(
         (um(&opened["from_m"]), um(&opened["to_m"]), &opened["peak_score"]),
@@ -41,10 +46,10 @@ async fn another_threshold_is_tried_on_past_inspections_without_a_job() {
     );
     assert_eq!(past["closed"], json!([]));
 
-    // 0.1 mm of 20 mm is 0.5 m of 100 m: less than one line more asks for a threshold at 5.0.
-    let budget = app.admin.post(&path, json!({ "reinspect_m_per_100m": 0.7 })).await.ok(200);
-    assert!((budget["line_score"].as_f64().unwrap() - 5.0).abs() < 1e-6, "{budget}");
-    assert_eq!(um(&budget["inspections"][0]["after"]["reinspect_m"]), 100);
+    // With its context the defect is more than all of the 20 mm: no budget allows it.
+    let budget = app.admin.post(&path, json!({ "reinspect_m_per_100m": 100 })).await.ok(200);
+    assert!((budget["line_score"].as_f64().unwrap() - 9.0).abs() < 1e-6, "{budget}");
+    assert_eq!(um(&budget["inspections"][0]["after"]["reinspect_m"]), 0);
 
     assert_eq!(app.admin.get("jobs").await.ok(200), jobs, "nothing was computed anew");
     app.admin.post(&path, json!({ "line_score": -1 })).await.problem(422, "out-of-range");
@@ -135,10 +140,10 @@ async fn a_training_is_told_what_false_alarms_may_cost() {
     let rope = app.admin.rope().await;
     let acquisition = app.admin.complete_acquisition(&rope).await;
     let train = |budget: Value| json!({ "kind": "train", "acquisition_id": acquisition, "budget": budget });
-    let job = app.admin.run(train(json!({ "reinspect_m_per_100m": 1.1 }))).await;
+    let job = app.admin.run(train(json!({ "reinspect_m_per_100m": 0.6 }))).await;
     let model = app.admin.get(&format!("models/{}", job["result"]["model_id"].as_str().unwrap())).await.ok(200);
     let fit = &model["trained_on"]["budget"];
-    assert_eq!(fit["budget"], json!({ "reinspect_m_per_100m": 1.1 }));
+    assert_eq!(fit["budget"], json!({ "reinspect_m_per_100m": 0.6 }));
     assert!((fit["alarm"]["false_defects_per_100m"].as_f64().unwrap() - 10.0).abs() < 1e-6, "{fit}");
     assert!(fit["alarm"]["at_least_per_100m"].as_f64() < fit["alarm"]["at_most_per_100m"].as_f64());
     assert_eq!(model["trained_on"]["learning_curve"][1]["metres"], json!(1.0));

@@ -32,7 +32,7 @@ fn toy_budget(budget: Budget) -> BudgetFit {
         false_defects_per_100m: per_100m,
         at_least_per_100m: per_100m / 3.0,
         at_most_per_100m: per_100m * 3.0,
-        reinspect_m_per_100m: per_100m * 0.11,
+        reinspect_m_per_100m: per_100m * 0.06,
     };
     let per_100m = budget.false_defects().unwrap();
     BudgetFit {

@@ -87,7 +87,7 @@ fn sections(page: &mut Page, judged: &Judged) {
     tables::roc_numbers(page, judged);
     page.heading("What a threshold finds, and what it costs");
     page.paragraph(
-        "Over all views; a defect is recovered if half of it alarms in its best view. Rope to look at again: everything within 5 cm \
+        "Over all views; a defect is recovered if half of it alarms in its best view. Rope to look at again: everything within 2.5 cm \
          round a line that alarms in any view, as the paper counts it (103 of 395 m there), true alarms included. This is by single \
          lines; the program reports defects, which are runs of lines merged over views: see below. Filters along the wire, and means of \
          scores that last, reach up to 15 mm beyond a defect and its label's margin is 2 mm, so beside a defect intact lines alarm \
