@@ -31,6 +31,8 @@ pub struct ViewFit {
 pub struct ModelFit {
     /// False: retrain.
     fits: bool,
+    /// True: this rope promises more false defects than a fitting model may have, but is so short that chance may be the reason.
+    cannot_tell: bool,
     /// Why not, as a sentence with figures; null while it fits.
     #[schema(required)]
     warning: Option<String>,
@@ -62,6 +64,7 @@ impl From<fit::ModelFit> for ModelFit {
         let view = |v: fit::ViewFit| ViewFit { view: v.view, trained: v.trained.into(), here: v.here.into() };
         Self {
             fits: f.fits,
+            cannot_tell: f.cannot_tell(),
             warning: f.warning(),
             budget_per_100m: f.budget_per_100m,
             false_defects_per_100m: f.false_defects_per_100m,

@@ -163,6 +163,7 @@ async fn a_model_that_no_longer_fits_is_said_with_figures_and_counted() {
     let (_, _, inspection) = app.admin.inspected().await;
     let fit = app.admin.get(&format!("inspections/{inspection}")).await.ok(200)["summary"]["fit"].clone();
     assert_eq!((&fit["fits"], &fit["false_defects_per_100m"]), (&json!(false), &json!(31.4)));
+    assert_eq!(fit["cannot_tell"], json!(false), "it is sure that it does not");
     let warning = fit["warning"].as_str().unwrap();
     assert!(warning.contains("31 false defects per 100 m (20 to 48 with 95 %)"), "{warning}");
     assert!(app.admin.get("/metrics").await.text().contains("ropescope_ropes_with_unfit_model 1"));
