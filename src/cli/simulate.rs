@@ -139,7 +139,7 @@ pub(crate) struct SimulateArgs {
     /// Harmless scratches per metre [default: 3]
     #[arg(long, value_name = "N", help_heading = "Service")]
     scratches_per_m: Option<f64>,
-    /// Harmless foreign matter, pieces per metre: flakes of tar, lumps of grease, beads of water [default: 0]
+    /// Harmless foreign matter, pieces per metre: tar, grease, water, fibres, grit, stains, paint [default: 0]
     #[arg(long, value_name = "N", help_heading = "Service")]
     debris_per_m: Option<f64>,
     /// Brightness, 1 is as usual [default: 1]

@@ -31,9 +31,14 @@ impl Defect {
                 };
                 let edge = 1.0 - (u.abs() / (self.half_mm * reach)) as f32 + 0.25 * (rough(1.6, 0.8, 1) - 0.5);
                 let weight = (edge * 5.0).clamp(0.0, 1.0) * (1.6 - place.psi_rad.abs()).clamp(0.0, 1.0);
-                let (fine, coarse) = (rough(0.22, 0.2, 2), rough(0.9, 0.6, 3));
+                // No two patches rust alike: pits of several sizes, blooms paler or darker.
+                let vary = |bits: u32| f64::from(self.roughness >> bits & 0xff) / 255.0;
+                let (pits_mm, blooms_mm) = (0.16 + 0.2 * vary(0), 0.6 + 0.9 * vary(8));
+                let (fine, coarse) =
+                    (rough(pits_mm, 0.9 * pits_mm as f32, 2), rough(blooms_mm, 0.65 * blooms_mm as f32, 3));
                 let pit = ((fine - 0.62) * 6.0).clamp(0.0, 1.0);
-                let look = 0.95 - 0.45 * severity + 0.5 * (coarse - 0.5) + 0.35 * (fine - 0.5) - 0.5 * pit;
+                let mean = 0.85 + 0.25 * vary(16) as f32 - 0.45 * severity * (0.4 + 0.6 * vary(24) as f32);
+                let look = mean + 0.5 * (coarse - 0.5) + 0.35 * (fine - 0.5) - 0.5 * pit;
                 coat.albedo *= 1.0 - weight + weight * look.max(0.15);
                 coat.gloss *= 1.0 - weight * (0.55 + 0.4 * severity);
                 weight

@@ -1,5 +1,5 @@
-//! Foreign matter that lies on intact rope: flakes of tar, lumps of grease, beads of water. It hides the wires and the valleys between
-//! them alike, is fixed to the rope's surface, and is no defect: what looks for defects must live with it.
+//! Foreign matter that lies on intact rope: flakes of tar, lumps of grease, beads of water, fibres, grit, specks, stains, paint. It
+//! hides the wires and the valleys between them alike, is fixed to the rope's surface, and is no defect: what looks for defects must live with it.
 
 use super::finish::Place;
 use super::noise::{Along, surface_noise};
@@ -16,7 +16,29 @@ enum Matter {
     Lump,
     /// Clear, round, with a lamp's image in it.
     Bead,
+    /// A hair or thread, dark or pale, across whatever lies under it.
+    Fibre,
+    /// A few grains of sand or ice, dark and bright ones.
+    Grit,
+    /// Many dark specks, splashed over an area.
+    Specks,
+    /// A thin dark film with a soft edge.
+    Stain,
+    /// A mark of an inspector: opaque, even, with a sharp edge.
+    Paint,
 }
+
+/// All of it, as often one as the other.
+const MATTERS: [Matter; 8] = [
+    Matter::Flake,
+    Matter::Lump,
+    Matter::Bead,
+    Matter::Fibre,
+    Matter::Grit,
+    Matter::Specks,
+    Matter::Stain,
+    Matter::Paint,
+];
 
 /// A piece of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,17 +69,22 @@ pub struct Cover {
 /// How far beyond its half length a ragged edge may reach.
 const RAGGED: f64 = 1.35;
 /// Farthest that a piece reaches along the rope in mm.
-const REACH_MM: f64 = 10.0;
+const REACH_MM: f64 = 30.0;
 
 /// Foreign matter of a whole rope, in the order of its place.
 pub fn pieces(rng: &mut impl Rng, recipe: &Recipe) -> Vec<Piece> {
     let mut pieces: Vec<Piece> = (0..(recipe.debris_per_m * recipe.metres).round() as usize)
         .map(|_| {
             let size = rng.random::<f64>();
-            let (matter, half_mm) = match rng.random_range(0..3) {
-                0 => (Matter::Flake, 0.4 + 1.6 * size * size),
-                1 => (Matter::Lump, 1.0 + 3.5 * size * size),
-                _ => (Matter::Bead, 0.4 + 1.5 * size),
+            let matter = MATTERS[rng.random_range(0..MATTERS.len())];
+            let half_mm = match matter {
+                Matter::Flake => 0.4 + 1.6 * size * size,
+                Matter::Lump => 1.0 + 3.5 * size * size,
+                Matter::Bead => 0.4 + 1.5 * size,
+                Matter::Fibre | Matter::Grit => 1.0 + 4.0 * size,
+                Matter::Specks => 3.0 + 11.0 * size,
+                Matter::Stain => 1.0 + 6.0 * size * size,
+                Matter::Paint => 0.8 + 4.0 * size * size,
             };
             Piece {
                 matter,
@@ -82,6 +109,11 @@ pub fn on_line(pieces: &[Piece], x_mm: f64) -> Vec<Piece> {
 }
 
 impl Piece {
+    /// How far it is turned on the rope's surface, in rad.
+    fn turn(&self) -> f64 {
+        f64::from(self.seed >> 8) / f64::from(u32::MAX >> 8) * TAU
+    }
+
     /// What of it lies over a place; `None` beside it.
     pub fn cover(&self, place: &Place, rope_radius_mm: f64) -> Option<Cover> {
         let u = (place.x_mm - self.x_mm) / (self.half_mm * self.stretch);
@@ -108,6 +140,37 @@ impl Piece {
             Matter::Bead => {
                 let share = (6.0 * (1.0 - r)).clamp(0.0, 1.0) * (0.15 + 0.6 * r * r * strength);
                 Cover { share, albedo: 0.3, gleam: 1.4, lean: [0.8 * u as f32, 0.8 * v as f32] }
+            }
+            Matter::Fibre => {
+                // Along a slanted line, bent like a wave.
+                let turn = self.turn();
+                let (along, across) = (u * turn.cos() + v * turn.sin(), v * turn.cos() - u * turn.sin());
+                let bent = across - 0.25 * (3.0 * along + f64::from(strength) * TAU).sin();
+                let thick = (0.06 + 0.1 * f64::from(strength)) / self.half_mm;
+                let share = (2.0 * (1.0 - (bent / thick).abs() as f32)).clamp(0.0, 0.9);
+                let share = if along.abs() > 1.0 { 0.0 } else { share };
+                Cover { share, albedo: if self.seed % 2 == 0 { 0.08 } else { 1.3 }, gleam: 0.1, lean: [0.0; 2] }
+            }
+            Matter::Grit => {
+                let grain = rough(0.45, 1);
+                let edge = grain - 0.27 - 0.25 * r;
+                let albedo = if rough(0.45, 2) > 0.0 { 1.5 } else { 0.1 };
+                Cover { share: (9.0 * edge).clamp(0.0, 0.9), albedo, gleam: 0.4, lean: [rough(0.2, 3), rough(0.2, 4)] }
+            }
+            Matter::Specks => {
+                let cell_mm = 0.3 + 0.4 * f64::from(strength);
+                let edge = rough(cell_mm, 1) + 0.3 * rough(0.2, 2) - 0.24 - 0.16 * r;
+                Cover { share: (9.0 * edge).clamp(0.0, 0.85), albedo: 0.12, gleam: 0.02, lean: [0.0; 2] }
+            }
+            Matter::Stain => {
+                let edge = 1.0 - r + 0.5 * rough(1.7, 1);
+                let share = (2.5 * edge).clamp(0.0, 1.0) * (0.15 + 0.55 * strength);
+                Cover { share, albedo: 0.15, gleam: 0.3 * share, lean: [0.0; 2] }
+            }
+            Matter::Paint => {
+                let edge = 1.0 - u.abs().max(v.abs()) as f32 + 0.15 * rough(0.4, 1);
+                let albedo = if self.seed % 3 == 0 { 0.1 + 0.2 * strength } else { 0.7 + 0.9 * strength };
+                Cover { share: (12.0 * edge).clamp(0.0, 0.93), albedo, gleam: 0.2, lean: [0.0; 2] }
             }
         };
         (cover.share > 0.0).then_some(cover)

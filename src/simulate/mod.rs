@@ -12,7 +12,7 @@ pub mod curve; // what drifts smoothly along the rope
 pub mod defect_surface;
 pub mod defects;
 pub mod finish; // dirt, oil, water, scratches of intact rope
-pub mod foreign; // flakes of tar, lumps of grease, beads of water on intact rope
+pub mod foreign; // tar, grease, water, fibres, grit, stains, paint on intact rope
 pub mod labels; // where a defect can be seen
 pub mod light;
 pub mod noise;

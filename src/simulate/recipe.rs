@@ -83,7 +83,7 @@ pub struct Recipe {
     pub water: f64,
     /// Harmless scratches per metre.
     pub scratches_per_m: f64,
-    /// Pieces of foreign matter per metre: flakes of tar, lumps of grease, beads of water.
+    /// Pieces of foreign matter per metre: tar, grease, water, fibres, grit, stains, paint.
     pub debris_per_m: f64,
     /// Exposure; 1 is as bright as a camera head is usually set.
     pub exposure: f64,
