@@ -20,8 +20,8 @@ use ropescope::pipeline::{Acquisition, Budget, InspectOptions, TrainingRange, in
 use ropescope::simulate::{Recipe, Scene, write_acquisition};
 use ropescope::vision::aligner::{AlignedStretch, Aligner, AlignerSpec, Stretch};
 use ropescope::vision::camera::Camera;
-use ropescope::vision::evidence::{Evidence, block_lines};
-use ropescope::vision::inspection_model::{AlignedView, ViewAppearance};
+use ropescope::vision::evidence::block_lines;
+use ropescope::vision::inspection_model::{AlignedView, Seen, ViewAppearance};
 use ropescope::vision::stretch_scores::{StretchScores, join_views};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -115,7 +115,7 @@ fn evidence(
     model: &Model,
     aligned: &[AlignedStretch],
     cameras: &[Camera],
-) -> Vec<Vec<Option<Vec<Evidence>>>> {
+) -> Vec<Vec<Option<Seen>>> {
     let of_view = |stretch: &AlignedStretch, v: usize| {
         let view = &stretch.views[v];
         let estimates = stretch.estimates.as_ref().ok().filter(|_| view.usable())?;
@@ -127,7 +127,7 @@ fn evidence(
             block_lines: block_lines(acquisition.line_pitch_mm),
             pitch_mm: acquisition.line_pitch_mm,
         };
-        Some(seen.evidence(&model.views[v]))
+        Some(seen.seen_by(&model.views[v]))
     };
     let of_stretch = |stretch| (0..model.views.len()).into_par_iter().map(|v| of_view(stretch, v)).collect();
     aligned.iter().map(of_stretch).collect()
@@ -137,16 +137,19 @@ fn evidence(
 fn scores(
     acquisition: &Acquisition,
     model: &Model,
-    evidence: Vec<Vec<Option<Vec<Evidence>>>>,
+    evidence: Vec<Vec<Option<Seen>>>,
 ) -> Vec<Vec<Option<StretchScores>>> {
     let pitch_mm = acquisition.line_pitch_mm;
     let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
-    let of_stretch = |views: Vec<Option<Vec<Evidence>>>| {
-        let of_view =
-            |(evidence, model): (Option<Vec<Evidence>>, &ViewAppearance)| Some(model.score(evidence?, pitch_mm));
+    let of_stretch = |views: Vec<Option<Seen>>| {
+        let strands = acquisition.rope.strands();
+        let of_view = |(seen, model): (Option<Seen>, &ViewAppearance)| Some(model.score(&seen?, strands, pitch_mm));
         let mut scored: Vec<Option<StretchScores>> = views.into_par_iter().zip(&model.views).map(of_view).collect();
         join_views(&mut scored, acquisition.rope.strands());
-        scored.iter_mut().flatten().for_each(|scores| model.lasting.raise(scores, block_mm));
+        for scores in scored.iter_mut().flatten() {
+            model.lasting.raise(scores, block_mm);
+            scores.add_closer_look();
+        }
         scored
     };
     evidence.into_iter().map(of_stretch).collect()

@@ -87,11 +87,14 @@ impl<'a> Detection<'a> {
         };
         let mut scored: Vec<Option<StretchScores>> = (0..self.builders.len())
             .into_par_iter()
-            .map(|v| Some(model.views[v].score(aligned(v)?.evidence(&model.views[v]), pitch_mm)))
+            .map(|v| Some(model.views[v].score(&aligned(v)?.seen_by(&model.views[v]), rope.strands(), pitch_mm)))
             .collect();
         join_views(&mut scored, rope.strands());
         let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
-        scored.iter_mut().flatten().for_each(|scores| model.lasting.raise(scores, block_mm));
+        for scores in scored.iter_mut().flatten() {
+            model.lasting.raise(scores, block_mm);
+            scores.add_closer_look();
+        }
         self.intact.add(&scored, model.report.threshold, block_mm);
         let sensor_px = self.acquisition.sensor_px as usize;
         let drawn: Vec<GrayImage> = self

@@ -235,6 +235,7 @@ mod tests {
                 blocks[200..260].fill(25.0);
             }
             let scores = StretchScores {
+                added: Vec::new(),
                 cells: Vec::new(),
                 seen: Vec::new(),
                 peaks: vec![(0, 0); blocks.len()],

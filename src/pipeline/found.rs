@@ -86,7 +86,15 @@ mod tests {
     fn scores(first_line: usize, lines: usize, over: impl Fn(usize) -> bool) -> StretchScores {
         let blocks: Vec<f32> = (0..lines / 5).map(|b| if over(first_line + 5 * b) { 9.0 } else { 1.0 }).collect();
         let peaks = vec![(1, 7); blocks.len()];
-        StretchScores { cells: Vec::new(), seen: Vec::new(), peaks, blocks, block_lines: 5, places: 45 }
+        StretchScores {
+            cells: Vec::new(),
+            added: Vec::new(),
+            seen: Vec::new(),
+            peaks,
+            blocks,
+            block_lines: 5,
+            places: 45,
+        }
     }
 
     #[test]

@@ -5,27 +5,28 @@
 
 use crate::vision::calibration::CalibrationSums;
 use crate::vision::inspection_model::ViewAppearance;
-use crate::vision::kept_evidence::KeptEvidence;
+use crate::vision::kept_evidence::{KeptEvidence, KeptSeen};
 use crate::vision::stretch_scores::{StretchScores, join_views};
 use rayon::prelude::*;
 
 /// Parts of the stretches, each of which is judged by the calibration of the others.
 const PARTS: usize = 4;
 
-/// Evidence of intact stretches in one view, and what calibrates by it. Both `[stretch][factor]`.
+/// What was seen of intact stretches in one view, and what calibrates by it.
 pub(super) struct Held {
-    evidence: Vec<Vec<KeptEvidence>>,
+    /// `[stretch]`.
+    seen: Vec<KeptSeen>,
+    /// `[stretch][factor]`.
     sums: Vec<Vec<CalibrationSums>>,
 }
 
 impl Held {
     /// Filters every stretch once: every calibration needs the same sums.
-    pub fn new(evidence: Vec<Vec<KeptEvidence>>, pitch_mm: f64) -> Self {
-        let of_stretch = |factors: &Vec<KeptEvidence>| {
-            factors.iter().map(|evidence| CalibrationSums::of(&evidence.unpacked(), pitch_mm)).collect()
-        };
-        let sums = evidence.par_iter().map(of_stretch).collect();
-        Self { evidence, sums }
+    pub fn new(seen: Vec<KeptSeen>, pitch_mm: f64) -> Self {
+        let of_factor = |evidence: &KeptEvidence| CalibrationSums::of(&evidence.unpacked(), pitch_mm);
+        let of_stretch = |seen: &KeptSeen| seen.evidence().iter().map(of_factor).collect();
+        let sums = seen.par_iter().map(of_stretch).collect();
+        Self { seen, sums }
     }
 
     /// Calibrates a view on the stretches that are `wanted`. False if they are too few.
@@ -43,7 +44,7 @@ pub(super) fn cross_scored(
     pitch_mm: f64,
 ) -> Option<Vec<Vec<Option<StretchScores>>>> {
     // A view that missed a stretch is out of step: then only as many as all have count.
-    let stretches = held.iter().map(|held| held.evidence.len()).min().filter(|&n| n > 0)?;
+    let stretches = held.iter().map(|held| held.seen.len()).min().filter(|&n| n > 0)?;
     let parts = PARTS.min(stretches);
     let of_view = |(view, held): (&ViewAppearance, &Held)| {
         let mut view = view.clone();
@@ -54,7 +55,7 @@ pub(super) fn cross_scored(
                 return None;
             }
             for s in (part..stretches).step_by(parts) {
-                scores[s] = Some(view.score(held.evidence[s].iter().map(KeptEvidence::unpacked).collect(), pitch_mm));
+                scores[s] = Some(view.score(&held.seen[s].unpacked(), strands, pitch_mm));
             }
         }
         Some(scores)

@@ -14,7 +14,7 @@ use super::{PipelineError, Progress};
 use crate::vision::evidence::block_lines;
 use crate::vision::factor::FACTORS;
 use crate::vision::inspection_model::ViewAppearance;
-use crate::vision::kept_evidence::KeptEvidence;
+use crate::vision::kept_evidence::KeptSeen;
 use crate::vision::lasting::Lasting;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
@@ -116,13 +116,12 @@ pub fn train(
 
     // Third pass: evidence of every fold by the others, for calibration and threshold.
     let kept = kept_stretches(&used, stretches);
-    let mut evidence: Vec<(&LearntView, Vec<Vec<KeptEvidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
+    let mut seen: Vec<(&LearntView, Vec<KeptSeen>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
     let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
-    pass(PASSES[2]).each_view(&mut evidence, keeps, |number, aligned, (view, stretches)| {
-        let evidence = aligned.evidence(&view.by_others[fold_of(number)]);
-        stretches.push(evidence.into_iter().map(KeptEvidence::from).collect());
+    pass(PASSES[2]).each_view(&mut seen, keeps, |number, aligned, (view, stretches)| {
+        stretches.push(aligned.seen_by(&view.by_others[fold_of(number)]).into());
     })?;
-    let held: Vec<Held> = evidence.into_iter().map(|(_, stretches)| Held::new(stretches, pitch_mm)).collect();
+    let held: Vec<Held> = seen.into_iter().map(|(_, stretches)| Held::new(stretches, pitch_mm)).collect();
     let too_little = || too_little(aligned_m, 2.0 * LEAST_M);
     let mut learnt: Vec<ViewAppearance> = learnt.into_iter().map(|view| view.whole).collect();
     let mut scored = cross_scored(&learnt, &held, acquisition.rope.strands(), pitch_mm).ok_or_else(too_little)?;
@@ -133,7 +132,10 @@ pub fn train(
     }
     let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
     let lasting = Lasting::calibrate(scored.iter().flatten().flatten(), block_mm).ok_or_else(too_little)?;
-    scored.iter_mut().flatten().flatten().for_each(|scores| lasting.raise(scores, block_mm));
+    for scores in scored.iter_mut().flatten().flatten() {
+        lasting.raise(scores, block_mm);
+        scores.add_closer_look();
+    }
     let mut intact = IntactRope::default();
     scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
     let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
@@ -179,7 +181,7 @@ fn kept_stretches(used: &[Used<'_>], stretches: usize) -> usize {
         let acquisition = used.range.acquisition;
         let places = acquisition.rope.strands() * acquisition.rope.wires() * PLACES_PER_WIRE;
         let cells = used.stretch_lines().div_ceil(block_lines(acquisition.line_pitch_mm)) * places;
-        cells * KeptEvidence::BYTES_PER_PLACE * (FACTORS.len() + 1) * acquisition.view_angles_rad.len()
+        cells * KeptSeen::bytes_per_place(FACTORS.len() + 1) * acquisition.view_angles_rad.len()
     };
     let most_bytes = used.iter().map(bytes).max().unwrap_or(1);
     stretches.min((MOST_EVIDENCE_BYTES / most_bytes).max(LEAST_KEPT))

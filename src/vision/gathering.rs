@@ -9,6 +9,7 @@ use super::expected_row::ExpectedRow;
 use super::grain::Compared;
 use super::histogram::GRAY_BINS;
 use super::surface_map::{Run, whole, within};
+use super::unrolled::{FINE_PER_WIRE, GraySums};
 use std::ops::AddAssign;
 
 /// Sums over the pixels of one place in one block. A pixel of the middle line stands for those of all lines.
@@ -113,8 +114,8 @@ impl<'a> Gathering<'a> {
         }
     }
 
-    /// Adds the pixels of a run, in all lines of the block, to the places of its strand.
-    pub fn add(&mut self, run: &Run<'_>, lines: &[Line<'_>], places: &mut [Sums]) {
+    /// Adds the pixels of a run, in all lines of the block, to the places of its strand, and their gray to its fine places.
+    pub fn add(&mut self, run: &Run<'_>, lines: &[Line<'_>], places: &mut [Sums], fine: &mut [GraySums]) {
         let n = run.cells.len();
         self.row.look_up(self.gray, run);
         if self.judged == Judged::Gray {
@@ -131,12 +132,18 @@ impl<'a> Gathering<'a> {
         }
         let of_lines = lines.len() as f32;
         let sums = self.gray_sums.iter().zip(&self.scores).zip(&self.changes);
-        for (((&place, &cell), &expected), ((&gray_sum, &score), &changes)) in
-            run.places.iter().zip(run.cells).zip(&self.row.expected).zip(sums)
-        {
+        let all_fine = fine.len() as f32;
+        let seen = run.places.iter().zip(run.cells).zip(run.wire_places).zip(&self.row.expected);
+        for ((((&place, &cell), wire_place), &expected), ((&gray_sum, &score), &changes)) in seen.zip(sums) {
             if expected.is_nan() {
                 continue; // nobody has seen such a place
             }
+            let at = (wire_place + 0.5) * FINE_PER_WIRE as f32;
+            let at = whole(within(if at >= all_fine { at - all_fine } else { at }, all_fine - 0.5));
+            let to = &mut fine[at as usize];
+            to.deviation += gray_sum / of_lines - expected;
+            to.expected += expected;
+            to.pixels += 1.0;
             let to = &mut places[place as usize];
             if !score.is_nan() {
                 to.score += score; // else it lies in a region that was hardly ever seen
@@ -232,7 +239,8 @@ mod tests {
             let grays: Vec<f32> = (0..WIDTH).map(|column| gray(line as f32, column as f32)).collect();
             grain.take(line, &grays);
             let compared = grain.compared(line).map(|pair| (pair, 0.0));
-            gathering.add(&run, &[Line { grays: &grays, lines_on: 0.0, axis_moved_px: 0.0, compared }], &mut sums);
+            let lines = [Line { grays: &grays, lines_on: 0.0, axis_moved_px: 0.0, compared }];
+            gathering.add(&run, &lines, &mut sums, &mut [GraySums::default(); FINE_PER_WIRE]);
         }
         sums[0].changes
     }

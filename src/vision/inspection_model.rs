@@ -3,6 +3,7 @@
 use super::appearance::Appearance;
 use super::calibration::{CalibrationSums, FilterCalibration};
 use super::camera::Camera;
+use super::closer_look::look_closer;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
 use super::factor::{FACTORS, Factor};
@@ -13,6 +14,7 @@ use super::scoring::{Weighed, score};
 use super::stretch::ViewStretch;
 use super::stretch_scores::StretchScores;
 use super::surface_map::SurfaceMap;
+use super::unrolled::Unrolled;
 use super::usual::{Moments, Usual};
 
 /// What one view learnt.
@@ -25,6 +27,15 @@ pub struct ViewAppearance {
     /// Calibration of the filters of the gray value and of every further factor, `[factor][filter]`: `None` for filters that
     /// too little rope was seen for, empty for factors that are not asked.
     pub calibration: Vec<Vec<Option<FilterCalibration>>>,
+}
+
+/// What a model sees of a stretch in one view.
+#[derive(Debug, Clone)]
+pub struct Seen {
+    /// Evidence of the gray value and of every further factor.
+    pub evidence: Vec<Evidence>,
+    /// The gray that was seen, as a picture.
+    pub unrolled: Unrolled,
 }
 
 /// One view of an aligned stretch.
@@ -68,14 +79,14 @@ impl<'a> AlignedView<'a> {
         }
     }
 
-    /// Evidence of the gray value and of every further factor. Where gray counts nothing, its evidence tells no more than what is
-    /// seen.
-    pub fn evidence(&self, model: &ViewAppearance) -> Vec<Evidence> {
+    /// Evidence of the gray value and of every further factor, with the gray itself. Where gray counts nothing, its evidence tells no
+    /// more than what is seen.
+    pub fn seen_by(&self, model: &ViewAppearance) -> Seen {
         let (evidence, residuals) = self.gather(&model.gray, model.judged());
         let mut all = vec![evidence];
         let further = FACTORS.into_iter().zip(&model.further);
         all.extend(further.map(|(factor, usual)| Evidence::of_factor(&residuals, factor, usual)));
-        all
+        Seen { evidence: all, unrolled: residuals.into_unrolled() }
     }
 }
 
@@ -106,13 +117,19 @@ impl ViewAppearance {
         if further { Judged::Nothing } else { Judged::Gray }
     }
 
-    /// Scores the evidence of a stretch.
-    pub fn score(&self, evidence: Vec<Evidence>, pitch_mm: f64) -> StretchScores {
-        let of_gray = if self.judged() == Judged::Gray { 1.0 } else { 0.0 };
+    /// Scores what was seen of a stretch, of so many strands: what factors find first, then a closer look at that. A model that judges
+    /// the gray value alone finds everything by that.
+    pub fn score(&self, seen: &Seen, strands: usize, pitch_mm: f64) -> StretchScores {
+        let judged = self.judged();
+        let of_gray = if judged == Judged::Gray { 1.0 } else { 0.0 };
         let weights = std::iter::once(of_gray).chain(FACTORS.into_iter().map(Factor::weight));
-        let factors = evidence.into_iter().zip(&self.calibration).zip(weights);
+        let factors = seen.evidence.iter().zip(&self.calibration).zip(weights);
         let weighed = factors.map(|((evidence, calibration), weight)| Weighed { evidence, calibration, weight });
-        score(&weighed.collect::<Vec<_>>(), pitch_mm)
+        let mut scores = score(&weighed.collect::<Vec<_>>(), pitch_mm);
+        if judged == Judged::Nothing {
+            look_closer(&mut scores, &seen.unrolled, &seen.evidence[1..], strands);
+        }
+        scores
     }
 }
 

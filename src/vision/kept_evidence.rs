@@ -2,6 +2,8 @@
 //! is the threshold that follows from it.
 
 use super::evidence::Evidence;
+use super::inspection_model::Seen;
+use super::unrolled::Unrolled;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 
@@ -38,6 +40,36 @@ impl From<Evidence> for KeptEvidence {
         };
         let (sums, counts) = (std::mem::take(&mut evidence.sums), std::mem::take(&mut evidence.counts));
         Self { rest: evidence, sums: narrow(sums), counts: narrow(counts) }
+    }
+}
+
+/// All that was seen of a stretch in one view.
+#[derive(Debug, Clone)]
+pub struct KeptSeen {
+    evidence: Vec<KeptEvidence>,
+    unrolled: Unrolled,
+}
+
+impl KeptSeen {
+    /// Bytes that a place of the unrolled rope takes with so many factors.
+    pub const fn bytes_per_place(factors: usize) -> usize {
+        KeptEvidence::BYTES_PER_PLACE * factors + Unrolled::BYTES_PER_PLACE
+    }
+
+    /// Evidence of every factor.
+    pub fn evidence(&self) -> &[KeptEvidence] {
+        &self.evidence
+    }
+
+    /// In full precision again.
+    pub fn unpacked(&self) -> Seen {
+        Seen { evidence: self.evidence.iter().map(KeptEvidence::unpacked).collect(), unrolled: self.unrolled.clone() }
+    }
+}
+
+impl From<Seen> for KeptSeen {
+    fn from(seen: Seen) -> Self {
+        Self { evidence: seen.evidence.into_iter().map(KeptEvidence::from).collect(), unrolled: seen.unrolled }
     }
 }
 

@@ -83,6 +83,7 @@ mod tests {
         StretchScores {
             seen: vec![true; scores.len()],
             peaks: vec![(0, 0); scores.len()],
+            added: Vec::new(),
             cells: scores.clone(),
             blocks: scores,
             block_lines: 5,

@@ -88,6 +88,8 @@
 //! - [`filtering`]: their sums along the wires
 //! - [`calibration`]: how those lie on intact rope, learnt from evidence that was held back ([`kept_evidence`])
 //! - [`scoring`]: sums made comparable, and what all factors say of a place
+//! - [`closer_look`]: damage told from what lies on the rope, by the [`patch`] about what was found: gray of the unrolled rope
+//!   ([`unrolled`]) that a small network ([`damage`]) looks at
 //! - [`stretch_scores`]: the scores of a stretch, and views joined
 //! - [`lasting`]: what is rare because it lasts
 //! - [`tail`]: where an alarm begins
@@ -102,9 +104,11 @@ mod calibrated_width;
 pub mod calibration;
 pub mod camera;
 pub mod camera_distance;
+pub mod closer_look;
 pub mod contour;
 pub mod course;
 mod courses;
+pub mod damage;
 pub mod defects;
 pub mod diameter;
 pub mod displacement;
@@ -136,6 +140,7 @@ mod measuring;
 pub mod model_contour;
 mod noise_scale;
 pub mod outline_detail;
+pub mod patch;
 pub mod reference;
 pub mod registration;
 pub mod render;
@@ -160,6 +165,7 @@ pub mod sway;
 pub mod synthesis;
 pub mod tail;
 pub mod template;
+pub mod unrolled;
 pub mod unwrapping;
 pub mod usual;
 mod width;

@@ -12,6 +12,7 @@ use super::histogram::region;
 use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
+use super::unrolled::{FINE_PER_WIRE, GraySums, Unrolled};
 use std::ops::Range;
 
 /// Cells of the grid that no pixel fell into.
@@ -38,6 +39,8 @@ pub struct Residuals {
     surface_cell: Vec<u32>,
     /// Whether any place of a strand is in view, `[strand * blocks + block]`.
     in_view: Vec<bool>,
+    /// The gray itself.
+    unrolled: Unrolled,
 }
 
 /// One of so many lines of a block is read: neighbours, a tenth of a millimetre apart, show nearly the same. Measured: reading all of
@@ -66,13 +69,14 @@ impl Residuals {
         let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
         let blocks = lines.div_ceil(block_lines);
         let mut evidence = Evidence::empty(block_lines, blocks, strands, places);
-        let mut residuals = Self::empty(block_lines, blocks, strands, places);
+        let mut residuals = Self::empty(block_lines, blocks, strands, rope.wires());
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
         let mut map = SurfaceMap::new(rope, camera, estimates, width);
         let mut grain = Grain::new(pitch_mm, width, block_lines);
         let mut gathering = Gathering::new(gray, judged, width, grain.lag_lines());
         let mut grays = vec![vec![0.0f32; width]; block_lines];
         let mut sums = vec![Sums::default(); places];
+        let mut fine = vec![GraySums::default(); rope.wires() * FINE_PER_WIRE];
         for (block, (of_block, middle)) in evidence::blocks(lines, block_lines).enumerate() {
             let moved_px = |from: usize, to: usize| view.axis_px[to] - view.axis_px[from];
             for (line, grays) in of_block.clone().zip(&mut grays) {
@@ -93,7 +97,9 @@ impl Residuals {
             let compared = seen.iter().filter(|line| line.compared.is_some()).count() as f32;
             map.for_each_run(middle, view.axis_px[middle], |run| {
                 sums.fill(Sums::default());
-                gathering.add(&run, &seen, &mut sums);
+                fine.fill(GraySums::default());
+                gathering.add(&run, &seen, &mut sums, &mut fine);
+                residuals.unrolled.set(block, run.strand, &fine);
                 residuals.in_view[run.strand * blocks + block] = true;
                 let first = evidence.of(block, run.strand).start;
                 for (at, sums) in (first..).zip(&sums).filter(|(_, sums)| sums.pixels > 0.0) {
@@ -112,7 +118,8 @@ impl Residuals {
         (evidence, residuals)
     }
 
-    fn empty(block_lines: usize, blocks: usize, strands: usize, places: usize) -> Self {
+    fn empty(block_lines: usize, blocks: usize, strands: usize, wires: usize) -> Self {
+        let places = wires * PLACES_PER_WIRE;
         let len = blocks * strands * places;
         Self {
             block_lines,
@@ -124,7 +131,13 @@ impl Residuals {
             changes: vec![Changes { along: f32::NAN, across: f32::NAN, slanted: f32::NAN }; len],
             surface_cell: vec![UNSEEN; len],
             in_view: vec![false; blocks * strands],
+            unrolled: Unrolled::unseen(blocks, strands, wires),
         }
+    }
+
+    /// The gray that was seen, as a picture.
+    pub fn into_unrolled(self) -> Unrolled {
+        self.unrolled
     }
 
     /// Calls `each` with (index in the grid, surface cell, scaled factor) for every place where the factor can be told.

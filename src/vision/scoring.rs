@@ -19,7 +19,7 @@ const MOST: f32 = 12.0;
 #[derive(Debug)]
 pub struct Weighed<'a> {
     /// The evidence.
-    pub evidence: Evidence,
+    pub evidence: &'a Evidence,
     /// Calibration of every filter; `None` for those that are not asked.
     pub calibration: &'a [Option<FilterCalibration>],
     /// What a finding counts.
@@ -89,7 +89,7 @@ fn sum_of_known(sum: f32, add: f32) -> f32 {
 
 /// Scores the evidence of a stretch, one entry a factor: what all of them find under all filters, added up.
 pub fn score(factors: &[Weighed<'_>], pitch_mm: f64) -> StretchScores {
-    let Some(first) = factors.first().map(|weighed| &weighed.evidence) else {
+    let Some(first) = factors.first().map(|weighed| weighed.evidence) else {
         return StretchScores::new(Vec::new(), Vec::new(), 1, 1, 1);
     };
     let row = first.strands * first.places;
@@ -153,7 +153,8 @@ mod tests {
     /// Highest score of the run, and of the rest.
     fn scores(both_ways: bool, raised: f32) -> (f32, f32) {
         let calibration = CalibrationSums::of(&strand(7, both_ways, 0.0), PITCH_MM).calibrate().unwrap();
-        let weighed = Weighed { evidence: strand(8, both_ways, raised), calibration: &calibration, weight: 1.0 };
+        let evidence = strand(8, both_ways, raised);
+        let weighed = Weighed { evidence: &evidence, calibration: &calibration, weight: 1.0 };
         let blocks = score(&[weighed], PITCH_MM).highest();
         let highest = |blocks: &[f32]| blocks.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         (highest(&blocks[605..615]), highest(&blocks[..580]))

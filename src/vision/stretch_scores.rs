@@ -8,6 +8,8 @@ const OTHER_VIEW_SHARE: f32 = 0.95;
 const SETTLING_BLOCKS: usize = 10;
 /// Share of that mean in the settled score.
 const SETTLING_SHARE: f32 = 0.5;
+/// What factors count at the most beside a closer look: beyond, foreign matter is as rare on intact rope as damage.
+const MOST_OF_FACTORS: f32 = 6.0;
 
 /// A part of every score, the rest of the mean about it where that is lower: the highest of many places jumps from block to block by
 /// chance, defects last. Rope beside a defect does not become one.
@@ -23,8 +25,10 @@ fn settled(blocks: &[f32]) -> Vec<f32> {
 /// Scores of a stretch in one view.
 #[derive(Debug, Clone)]
 pub struct StretchScores {
-    /// Highest score under any filter, `[(block * strands + strand) * places + place]`; NaN where nothing was judged.
+    /// Score of every place, `[(block * strands + strand) * places + place]`; NaN where nothing was judged.
     pub cells: Vec<f32>,
+    /// What a closer look adds to it, same order; empty where nobody looked closer.
+    pub added: Vec<f32>,
     /// Whether any pixel of this view fell there, same order.
     pub seen: Vec<bool>,
     /// Score of every block: the highest of its places, settled with the blocks about it; NaN where nothing was judged.
@@ -40,7 +44,8 @@ pub struct StretchScores {
 impl StretchScores {
     /// From the scores of cells and whether they are seen, `row` of them a block.
     pub(super) fn new(cells: Vec<f32>, seen: Vec<bool>, row: usize, places: usize, block_lines: usize) -> Self {
-        let mut scores = Self { cells, seen, blocks: Vec::new(), peaks: Vec::new(), block_lines, places };
+        let added = Vec::new();
+        let mut scores = Self { cells, added, seen, blocks: Vec::new(), peaks: Vec::new(), block_lines, places };
         scores.find_peaks(row);
         scores
     }
@@ -52,6 +57,29 @@ impl StretchScores {
             self.cells[block * row + strand * self.places + place]
         };
         self.peaks.iter().enumerate().map(at).collect()
+    }
+
+    /// Adds what the closer look found to what factors found, once that of all views was joined and is as high as it lasts.
+    pub fn add_closer_look(&mut self) {
+        if self.added.is_empty() {
+            return;
+        }
+        for (cell, added) in self.cells.iter_mut().zip(&self.added) {
+            // Not `min`, which takes the number where the other is NaN.
+            *cell = if *cell > MOST_OF_FACTORS { MOST_OF_FACTORS } else { *cell } + added;
+        }
+        let row = self.cells.len() / self.peaks.len().max(1);
+        let blocks = self.blocks.iter_mut().zip(&mut self.peaks);
+        for ((score, peak), (cells, added)) in
+            blocks.zip(self.cells.chunks_exact(row).zip(self.added.chunks_exact(row)))
+        {
+            let most = added.iter().copied().fold(0.0, f32::max);
+            *score = if *score > MOST_OF_FACTORS { MOST_OF_FACTORS } else { *score } + most;
+            if most > 0.0 {
+                let highest = (0..row).filter(|&at| !cells[at].is_nan()).max_by(|&a, &b| cells[a].total_cmp(&cells[b]));
+                *peak = highest.map_or(*peak, |at| (at / self.places, at % self.places));
+            }
+        }
     }
 
     fn find_peaks(&mut self, row: usize) {
@@ -77,21 +105,30 @@ impl StretchScores {
 /// Joins what several views say of the same places: each view takes over what another one scores higher, where it sees the
 /// place itself. A break at the edge of one view is often in the middle of the next.
 pub fn join_views(views: &mut [Option<StretchScores>], strands: usize) {
-    let Some(len) = views.iter().flatten().map(|v| v.cells.len()).max() else { return };
-    let mut best = vec![f32::NAN; len];
-    for view in views.iter().flatten() {
-        for (best, &score) in best.iter_mut().zip(&view.cells) {
-            *best = best.max(score);
-        }
-    }
+    join(views, |view| &mut view.cells);
+    join(views, |view| &mut view.added);
     for view in views.iter_mut().flatten() {
-        for ((cell, &seen), &best) in view.cells.iter_mut().zip(&view.seen).zip(&best) {
-            if seen && best.is_finite() {
-                *cell = cell.max(OTHER_VIEW_SHARE * best);
-            }
-        }
         let row = strands * view.places;
         view.find_peaks(row);
+    }
+}
+
+/// Joins one of the tables of all views.
+fn join(views: &mut [Option<StretchScores>], table: impl Fn(&mut StretchScores) -> &mut Vec<f32>) {
+    let mut best: Vec<f32> = Vec::new();
+    for view in views.iter_mut().flatten() {
+        let own = table(view);
+        best.resize(best.len().max(own.len()), f32::NAN);
+        best.iter_mut().zip(own).for_each(|(best, &mut score)| *best = best.max(score)); // takes the number where the other is NaN
+    }
+    for view in views.iter_mut().flatten() {
+        let seen = std::mem::take(&mut view.seen);
+        for ((score, &seen), &best) in table(view).iter_mut().zip(&seen).zip(&best) {
+            if seen && best.is_finite() {
+                *score = score.max(OTHER_VIEW_SHARE * best);
+            }
+        }
+        view.seen = seen;
     }
 }
 
@@ -128,6 +165,21 @@ mod tests {
         assert_eq!(low.cells[4 * 9 + 1], OTHER_VIEW_SHARE * 6.0);
         assert_eq!(low.cells[4 * 10 + 1], 1.0);
         assert_eq!(views[2].as_ref().unwrap().cells[4 * 9 + 1], 6.0);
+    }
+
+    #[test]
+    fn a_closer_look_decides_where_factors_are_no_longer_believed() {
+        let mut scores = stretch(&[1.0, 4.0, 20.0, 20.0, f32::NAN]);
+        let unchanged = scores.clone();
+        scores.add_closer_look();
+        assert_eq!(scores.cells.len(), unchanged.cells.len(), "nobody looked closer");
+        assert_eq!(scores.blocks[..4], unchanged.blocks[..4]);
+        scores.added = vec![0.0; scores.cells.len()];
+        scores.added[4 * 3 + 2] = 8.0;
+        scores.add_closer_look();
+        assert_eq!((scores.cells[4 * 2 + 1], scores.cells[4 * 3 + 1], scores.cells[4 + 1]), (6.0, 6.0, 4.0));
+        assert_eq!((scores.peaks[2], scores.peaks[3]), ((0, 1), (0, 2)), "where the sum is highest");
+        assert!(scores.blocks[3] - scores.blocks[2] > 7.9 && scores.cells[4 * 4 + 1].is_nan());
     }
 
     #[test]

@@ -1,0 +1,127 @@
+//! A closer look at what factors found: is it damage, or does something lie on the rope? [extends Wacker13, sec. 5]
+//!
+//! What all factors say of single places picks the suspects, one in some 3 mm of every wire at the most; for each of these the patch
+//! about it decides how high it scores. So the network looks at a thousandth of the rope, and what nobody suspects costs nothing.
+
+use super::damage::Network;
+use super::evidence::Evidence;
+use super::patch::Patch;
+use super::stretch_scores::StretchScores;
+use super::surface_map::PLACES_PER_WIRE;
+use super::unrolled::Unrolled;
+
+/// Score from which on a place is a suspect; what is below stays as it is.
+pub const SUSPECT: f32 = 2.5;
+/// Blocks of a wire that have one suspect at the most.
+pub const SEGMENT_BLOCKS: usize = 6;
+/// Logarithm of the odds at which the closer look begins to count.
+const LEAST_LOG_ODDS: f32 = -3.0;
+
+/// The place of a wire that scores highest within a segment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Suspect {
+    /// Its block.
+    pub block: usize,
+    /// Its strand.
+    pub strand: usize,
+    /// Its place among those of the strand.
+    pub place: usize,
+    /// Its score.
+    pub score: f32,
+    /// First block of the segment.
+    segment: usize,
+}
+
+impl Suspect {
+    /// Its wire.
+    pub fn wire(&self) -> usize {
+        self.place / PLACES_PER_WIRE
+    }
+}
+
+/// The suspects of a stretch, along the rope.
+pub fn suspects(scores: &StretchScores, strands: usize) -> Vec<Suspect> {
+    let row = strands * scores.places;
+    let blocks = scores.cells.len() / row.max(1);
+    let mut suspects = Vec::new();
+    for segment in (0..blocks).step_by(SEGMENT_BLOCKS) {
+        for first in (0..row).step_by(PLACES_PER_WIRE) {
+            let mut best: Option<Suspect> = None;
+            for block in segment..(segment + SEGMENT_BLOCKS).min(blocks) {
+                let cells = &scores.cells[block * row + first..block * row + first + PLACES_PER_WIRE];
+                for (at, &score) in (first..).zip(cells) {
+                    if score >= best.map_or(SUSPECT, |best| best.score.next_up()) {
+                        best = Some(Suspect {
+                            block,
+                            strand: at / scores.places,
+                            place: at % scores.places,
+                            score,
+                            segment,
+                        });
+                    }
+                }
+            }
+            suspects.extend(best);
+        }
+    }
+    suspects
+}
+
+/// What the closer look adds to a score: logarithms of odds, as findings are logarithms of rarity, where they speak for damage, and
+/// hardly anything where they speak against it.
+fn adds(log_odds: f32) -> f32 {
+    let above = log_odds - LEAST_LOG_ODDS;
+    // ln(1 + e^x), which is x where x is large.
+    above.max(0.0) + (-above.abs()).exp().ln_1p()
+}
+
+/// Looks at all suspects of a stretch, and adds what it says to the suspicious places of their segments. `further` is the
+/// evidence of the further factors.
+pub fn look_closer(scores: &mut StretchScores, unrolled: &Unrolled, further: &[Evidence], strands: usize) {
+    let network = Network::trained();
+    let mut patch = Patch::default();
+    let row = strands * scores.places;
+    let blocks = unrolled.blocks();
+    let mut added = vec![0.0; scores.cells.len()];
+    for suspect in suspects(scores, strands) {
+        patch.cut(unrolled, further, suspect.block, suspect.strand, suspect.wire());
+        let more = adds(network.log_odds(&patch, suspect.score));
+        let first = suspect.strand * scores.places + suspect.wire() * PLACES_PER_WIRE;
+        for block in suspect.segment..(suspect.segment + SEGMENT_BLOCKS).min(blocks) {
+            let places = block * row + first..block * row + first + PLACES_PER_WIRE;
+            for (added, cell) in added[places.clone()].iter_mut().zip(&scores.cells[places]) {
+                *added = if *cell >= SUSPECT { more } else { 0.0 };
+            }
+        }
+    }
+    scores.added = added;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_highest_place_of_three_millimetres_of_a_wire_is_the_suspect() {
+        let (strands, places, blocks) = (2, 3 * PLACES_PER_WIRE, 14);
+        let mut cells = vec![1.0; blocks * strands * places];
+        let mut set = |block: usize, strand: usize, place: usize, score: f32| {
+            cells[(block * strands + strand) * places + place] = score;
+        };
+        set(2, 1, 6, 4.0);
+        set(4, 1, 9, 5.0); // the same wire and segment
+        set(6, 1, 9, 3.0); // the next segment
+        set(4, 0, 9, 2.4); // too low
+        set(13, 0, 0, f32::NAN);
+        let scores = StretchScores::new(cells, vec![true; blocks * strands * places], strands * places, places, 5);
+        let found: Vec<_> = suspects(&scores, strands).iter().map(|s| (s.block, s.strand, s.place, s.score)).collect();
+        assert_eq!(found, [(4, 1, 9, 5.0), (6, 1, 9, 3.0)]);
+    }
+
+    #[test]
+    fn scores_rise_with_the_odds_and_what_is_no_damage_keeps_its_own() {
+        let added: Vec<f32> = (-40..30).map(|k| adds(k as f32 / 2.0)).collect();
+        assert!(added.windows(2).all(|pair| pair[0] <= pair[1]) && added[0] >= 0.0 && added[0] < 1e-3);
+        assert!((adds(5.0) - adds(4.0) - 1.0).abs() < 1e-3);
+    }
+}
