@@ -13,10 +13,10 @@ const KERNEL: usize = 3;
 /// What negative values count after every layer.
 const LEAK: f32 = 0.1;
 /// Channels after every layer.
-const FIRST: usize = 8;
-const SECOND: usize = 16;
-const THIRD: usize = 24;
-const LAST: usize = 16;
+const FIRST: usize = 10;
+const SECOND: usize = 20;
+const THIRD: usize = 32;
+const LAST: usize = 24;
 /// Rows and columns of every layer's result: the strides are (2, 1), (2, 2), (2, 2).
 const SIZES: [(usize, usize); 4] = [(BLOCKS, PLACES), (14, 15), (7, 8), (4, 4)];
 /// Rows and columns of the last one that are about the middle.
