@@ -33,6 +33,7 @@ mod rope_file;
 pub mod rope_windows;
 pub mod ropes;
 pub mod ropeways;
+pub mod tickets;
 pub mod tokens;
 pub mod verification;
 pub mod wanted;
