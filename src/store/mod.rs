@@ -13,6 +13,7 @@ pub mod enqueue;
 pub mod folder;
 pub mod frames;
 mod id;
+pub mod inspection_thresholds;
 pub mod inspections;
 pub mod jobs;
 pub mod lay_lengths;
