@@ -135,6 +135,58 @@ fn places_to_look_at_again_are_told_and_listed_and_alarms_lie_on_the_rope() {
 }
 
 #[test]
+fn surface_alarms_and_cards_come_with_the_results_and_go_with_them() {
+    let folder = trained().0.path();
+    let inspect = |options: &[&str]| {
+        let ran = ropescope(folder, &[&["inspect", "rope", "--out", "carded", "--json"], options].concat());
+        assert!(ran.status.success(), "{}", text(&ran.stderr));
+        assert!(text(&ran.stderr).lines().all(|line| serde_json::from_str::<Value>(line).is_ok()));
+        serde_json::from_slice::<Value>(&ran.stdout).unwrap()
+    };
+    let peaks = |said: &Value| -> Vec<f64> {
+        said["defects"].as_array().unwrap().iter().map(|d| d["peak_score"].as_f64().unwrap()).collect()
+    };
+    // Intact rope has no defects, so a threshold is looked for that makes two places of it some: cards take seconds.
+    let mut low = peaks(&inspect(&["--model", "rope.model", "--threshold", "3"]));
+    low.sort_by(|a, b| b.total_cmp(a));
+    let threshold = ((low[1] + low[2]) / 2.0).to_string();
+    let said = inspect(&["--model", "rope.model", "--threshold", &threshold, "--cards"]);
+    let defects = peaks(&said).len();
+    assert!(defects >= 2, "{said}");
+
+    let file = |name: &str| said["files"].as_array().unwrap().iter().any(|file| file.as_str().unwrap().ends_with(name));
+    assert!(file("surface_alarms.csv") && file("cards") && !file("maps"), "{}", said["files"]);
+    let results = folder.join("carded");
+    assert!(!results.join("maps").exists(), "cards need maps, but nobody asked for them");
+    let mut cards: Vec<_> =
+        std::fs::read_dir(results.join("cards")).unwrap().map(|card| card.unwrap().file_name()).collect();
+    cards.sort();
+    assert_eq!(cards, (0..defects).map(|id| format!("defect_{id}.png").into()).collect::<Vec<std::ffi::OsString>>());
+    let card = image::open(results.join("cards/defect_0.png")).unwrap().into_rgb8();
+    // Gray values as they were observed and as intact rope has them are curves of their own.
+    for colour in [[225, 85, 25], [0, 130, 150]] {
+        assert!(card.pixels().filter(|dot| dot.0 == colour).count() > 1000, "{colour:?}");
+    }
+
+    let table = std::fs::read_to_string(results.join("surface_alarms.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().map(|row| row.split(',').collect()).collect();
+    assert_eq!(rows[0][..7], ["unit", "length", "length_m", "place", "from_m", "to_m", "surface_alarms"]);
+    let worst: Vec<_> = rows.iter().filter(|row| row[3] == "worst").collect();
+    let windows: Vec<_> = worst.iter().map(|row| (row[0], row[1])).collect();
+    let diameters = ["6", "30", "40", "500"].map(|length| ("diameter", length));
+    assert_eq!(windows, [&diameters[..], &[("lay", "1")]].concat());
+    // 500 diameters of 32 mm are 16 m, and the rope has 1.6: the window is all of it.
+    assert_eq!((worst[3][4], worst[3][5], worst[3][6]), ("100", "101.6", defects.to_string().as_str()));
+    let side_by_side = rows.iter().filter(|row| row[3] == "series" && row[1] == "6").count();
+    assert_eq!(side_by_side, 9, "1.6 m in windows of 0.192 m");
+
+    inspect(&[]);
+    assert!(!results.join("cards").exists() && !results.join("surface_alarms.csv").exists(), "they were of a model");
+    let ran = ropescope(folder, &["inspect", "rope", "--out", "carded", "--cards"]);
+    assert_eq!(ran.status.code(), Some(2), "without a model there are no defects");
+}
+
+#[test]
 fn folders_and_files_of_something_else_are_not_written_to() {
     let folder = trained().0.path();
     for (arguments, words) in [

@@ -1,6 +1,7 @@
 //! Every command of `ropescope`, one file each.
 
 mod backup;
+mod cards;
 mod demo;
 mod evaluate;
 mod given_contours;
@@ -17,6 +18,7 @@ mod run_progress;
 mod scrub;
 mod serve;
 mod simulate;
+mod surface_alarms_out;
 mod time_left;
 mod token;
 mod train;

@@ -7,15 +7,20 @@ use std::path::{Path, PathBuf};
 /// Where results are made.
 const PARTIAL: &str = ".ropescope-partial";
 /// What results consist of. The summary last: a folder without it is not whole.
-pub(crate) const RESULTS: [&str; 7] = [
+pub(crate) const RESULTS: [&str; 9] = [
     "lay_lengths.csv",
     "displacement.csv",
     "line_scores.csv",
     "maps",
     "defects.json",
     "look_again.json",
+    "surface_alarms.csv",
+    "cards",
     "summary.json",
 ];
+
+/// Those that are folders, whose names others may use, too.
+const FOLDERS: [&str; 2] = ["maps", "cards"];
 
 /// A results folder that is being written.
 pub(crate) struct ResultsOut {
@@ -34,9 +39,9 @@ impl ResultsOut {
             bail!("--out {name} is a file, but results are a folder");
         }
         let earlier = folder.join(RESULTS[0]).exists() || folder.join(PARTIAL).exists();
-        if !earlier && folder.join("maps").exists() {
+        if let Some(taken) = FOLDERS.into_iter().find(|taken| !earlier && folder.join(taken).exists()) {
             bail!(
-                "--out {name} holds a folder maps that is no earlier result and would be replaced: choose another folder"
+                "--out {name} holds a folder {taken} that is no earlier result and would be replaced: choose another folder"
             );
         }
         if !earlier && !force && folder.is_dir() {
@@ -132,6 +137,9 @@ mod tests {
         let error = ResultsOut::prepare(folder.path(), false).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains("holds holiday.jpg but no earlier results"), "{error}");
         drop(ResultsOut::prepare(folder.path(), true).unwrap());
+        std::fs::create_dir(folder.path().join("cards")).unwrap();
+        let error = ResultsOut::prepare(folder.path(), true).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("holds a folder cards that is no earlier result"), "{error}");
         assert!(folder.path().join("holiday.jpg").exists());
     }
 }

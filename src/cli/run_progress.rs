@@ -77,6 +77,53 @@ impl Watcher {
         self.bar.finish_and_clear();
     }
 
+    /// Shows that `done` of `of` pieces are done, in a stage that is not measured in metres.
+    pub(crate) fn count(&self, stage: &'static str, done: usize, of: usize) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        if state.stage != stage {
+            (state.stage, state.stage_began, state.last_line) = (stage, now, None);
+        }
+        let share = done as f64 / of.max(1) as f64;
+        if !self.due(&state, now, share) {
+            return;
+        }
+        state.last_line = Some((now, share));
+        let left_s = (now - state.stage_began).as_secs_f64() * (of - done) as f64 / done.max(1) as f64;
+        match self.form {
+            Form::Json => {
+                say(&json!({"event": "progress", "stage": stage, "done": done, "of": of, "seconds_left": left_s})
+                    .to_string());
+            }
+            Form::Bar => {
+                self.bar.set_position((1000.0 * share) as u64);
+                self.bar.set_message(format!("{stage} {done} of {of}"));
+            }
+            Form::Lines => say(&format!("{stage} {done} of {of}")),
+        }
+    }
+
+    /// Says something that does not end the run.
+    pub(crate) fn remark(&self, sentence: &str) {
+        if self.form == Form::Json {
+            say(&json!({"event": "remark", "detail": sentence}).to_string());
+        } else {
+            self.bar.suspend(|| say(sentence));
+        }
+    }
+
+    /// Whether it is time to show how far a stage is.
+    fn due(&self, state: &State, now: Instant, share: f64) -> bool {
+        match (self.form, state.last_line) {
+            (Form::Bar, _) => true,
+            (_, None) => now - state.stage_began >= LINE_EVERY,
+            (Form::Json, Some((at, _))) => now - at >= LINE_EVERY,
+            (Form::Lines, Some((at, before))) => {
+                now - at >= LINE_EVERY && (share - before >= LINE_EVERY_SHARE || now - at >= LINE_AFTER)
+            }
+        }
+    }
+
     fn show(&self, report: ProgressReport, speed: f64, left_s: f64) {
         let ProgressReport { stage, done_m, total_m } = report;
         if self.form == Form::Json {
@@ -105,15 +152,7 @@ impl Progress for Watcher {
         }
         state.latest = now;
         let share = report.done_m / report.total_m.max(1e-9);
-        let due = match (self.form, state.last_line) {
-            (Form::Bar, _) => true,
-            (_, None) => now - state.stage_began >= LINE_EVERY,
-            (Form::Json, Some((at, _))) => now - at >= LINE_EVERY,
-            (Form::Lines, Some((at, before))) => {
-                now - at >= LINE_EVERY && (share - before >= LINE_EVERY_SHARE || now - at >= LINE_AFTER)
-            }
-        };
-        if due {
+        if self.due(&state, now, share) {
             state.last_line = Some((now, share));
             let speed = report.done_m / (now - state.stage_began).as_secs_f64().max(1e-3);
             let stages_left = self.stages.iter().rev().position(|s| *s == report.stage).unwrap_or(0) as f64;

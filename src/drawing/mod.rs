@@ -2,6 +2,7 @@
 //! reports.
 
 mod canvas;
+pub mod captions;
 pub mod chart; // charts for reports
 mod plot;
 pub mod why_card;

@@ -26,6 +26,8 @@ pub(super) struct Area {
 const LEFT: i64 = 40;
 /// Room for the numbers of the other axis.
 const BELOW: i64 = 42;
+/// The gray axis goes so much beyond the highest value, that no curve runs along the edge or over it.
+const HEADROOM: f32 = 1.05;
 
 /// Draws a profile with its axes; from `from_mm` to `to_mm` it is alarmed.
 pub(super) fn profile(
@@ -42,7 +44,7 @@ pub(super) fn profile(
         canvas.text(x + 12, y + 12, Size::Body, colours.ink, "no pixel here shows a known surface");
         return;
     };
-    let top = points.iter().fold(40.0f32, |top, p| top.max(p.observed).max(p.usual.1)).min(255.0);
+    let top = points.iter().fold(40.0f32, |top, p| top.max(p.observed).max(p.usual.1)).min(255.0) * HEADROOM;
     let span_mm = (last.at_mm - first.at_mm).max(1e-6);
     let x_of = |mm: f64| x + ((mm - first.at_mm) / span_mm * (width - 1) as f64).round() as i64;
     let y_of = |gray: f32| y + height - 1 - (gray.clamp(0.0, top) / top * (height - 1) as f32).round() as i64;

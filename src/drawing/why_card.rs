@@ -2,6 +2,7 @@
 //! the gray values behind it.
 
 use super::canvas::{Canvas, Colour, Size, heat};
+use super::captions::Captions;
 use super::plot::{Area, Colours, profile};
 use crate::pipeline::closeup::Closeup;
 use crate::pipeline::results::AlarmRow;
@@ -31,15 +32,6 @@ const PATCH: i64 = (WIDTH - 2 * MARGIN - 2 * GAP) / 3;
 const MAX_PATCH: i64 = 460;
 const PLOT_HEIGHT: i64 = 250;
 const PLOT_WIDTH: i64 = (WIDTH - 2 * MARGIN - GAP) / 2;
-
-/// What is written above the pictures.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Captions {
-    /// What it is, in a few words.
-    pub title: String,
-    /// Where it is, how it was judged and by what.
-    pub facts: Vec<String>,
-}
 
 /// Draws the card of an alarm.
 pub fn draw(captions: &Captions, closeup: &Closeup, alarm: &AlarmRow) -> RgbImage {

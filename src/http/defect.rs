@@ -84,9 +84,9 @@ pub struct Defect {
     inspection_id: Uuid,
     /// The rope.
     rope_id: Uuid,
-    /// Number within the inspection, from 0: defects along the rope, then places to look at again along it.
+    /// Number within the inspection, from 0, as the job gave it: defects along the rope, then places to look at again along it.
     number: u32,
-    /// Which threshold it is over.
+    /// Which threshold it is over; another one may have been applied since the job.
     level: DefectLevel,
     /// Rope metre where it begins.
     from_m: f64,

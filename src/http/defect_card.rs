@@ -4,15 +4,16 @@ use super::extract::Path;
 use super::frames::{KnownVersion, known};
 use super::pictures::PictureAnswer;
 use super::problem::ReadProblems;
-use super::suggestion::DefectKind;
 use super::{Problem, acquisitions, defects, inspections, ropes};
 use crate::app::App;
-use crate::drawing::why_card::{Captions, draw};
+use crate::drawing::captions::Captions;
+use crate::drawing::why_card::draw;
 use crate::pipeline::closeup::{CloseupError, closeup};
 use crate::pipeline::model_file::Model;
-use crate::pipeline::results::{AlarmRow, Suggestion};
+use crate::pipeline::results::AlarmRow;
 use crate::pipeline::{self, FrameFiles, PipelineError, Progress, ProgressReport};
 use crate::store::defects::Defect;
+use crate::store::inspections::Inspection;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -22,7 +23,7 @@ use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
 /// Part of every ETag: cards of another version may look different.
-const VERSION: &str = "1";
+const VERSION: &str = "2";
 
 /// What a card is drawn from.
 struct Input {
@@ -55,14 +56,16 @@ pub async fn get_defect_card(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let defect = defects::load(&app, id).await?;
-    // A verdict changes what the card says, nothing else does.
-    let name = format!("{VERSION} {id} {} {:?}", defect.state, defect.verdict_by);
+    let inspection = inspections::load(&app, defect.inspection_id.0).await?;
+    let threshold = inspection.summary()?.threshold.map(|t| t.line_score);
+    // A verdict and another threshold change what the card says, nothing else does.
+    let name = format!("{VERSION} {id} {} {:?} {threshold:?}", defect.state, defect.verdict_by);
     let digest: String = Sha256::digest(name).iter().take(16).map(|b| format!("{b:02x}")).collect();
     let tags = [(header::ETAG, format!("\"{digest}\"")), (header::CACHE_CONTROL, "private, no-cache".to_owned())];
     if known(&headers, &tags[0].1) {
         return Ok((StatusCode::NOT_MODIFIED, tags).into_response());
     }
-    let input = gather(&app, &defect).await?;
+    let input = gather(&app, &defect, &inspection, threshold).await?;
     let permit = app.cpu.clone().acquire_owned().await.map_err(Problem::failure)?;
     let asked_for = app.shutdown.child_token();
     let _until_answered = asked_for.clone().drop_guard();
@@ -74,11 +77,9 @@ pub async fn get_defect_card(
     Ok((tags, [(header::CONTENT_TYPE, "image/png")], png).into_response())
 }
 
-async fn gather(app: &App, defect: &Defect) -> Result<Input, Problem> {
-    let alarms = defect.alarms()?;
-    let worst = alarms.iter().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score));
-    let alarm = worst.cloned().ok_or_else(|| Problem::no_card("the defect has no alarm to look at"))?;
-    let inspection = inspections::load(app, defect.inspection_id.0).await?;
+async fn gather(app: &App, defect: &Defect, inspection: &Inspection, threshold: Option<f64>) -> Result<Input, Problem> {
+    let row_of_defect = defect.row()?;
+    let alarm = row_of_defect.worst().cloned().ok_or_else(|| Problem::no_card("the defect has no alarm to look at"))?;
     let model = inspection.model_id.ok_or_else(|| Problem::failure("a defect was found without a model"))?;
     let row = acquisitions::load(app, inspection.acquisition_id.0).await?;
     let rope = ropes::load(app, defect.rope_id.0).await?;
@@ -87,13 +88,7 @@ async fn gather(app: &App, defect: &Defect) -> Result<Input, Problem> {
     let maps = app.store.frames(row.row.id, view).await?;
     let maps = maps.iter().map(|frame| folder.likelihood_map(inspection.id, view, frame.frame)).collect();
     Ok(Input {
-        captions: captions(
-            defect,
-            &rope.name,
-            &alarms,
-            inspection.summary()?.threshold.map(|t| t.line_score),
-            defect.suggestion()?,
-        ),
+        captions: Captions::of(&row_of_defect, &rope.name, &decision(defect), threshold),
         frames: app.store.frame_files(&row).await?,
         maps: FrameFiles::new(row.row.sensor_px, vec![maps]),
         acquisition: row.rope_file(&rope.design).validate().map_err(Problem::failure)?,
@@ -102,57 +97,17 @@ async fn gather(app: &App, defect: &Defect) -> Result<Input, Problem> {
     })
 }
 
-fn captions(
-    defect: &Defect,
-    rope: &str,
-    alarms: &[AlarmRow],
-    threshold: Option<f64>,
-    suggestion: Option<Suggestion>,
-) -> Captions {
-    let named = |what: &str, number: Option<u32>| number.map_or(format!("{what} unknown"), |n| format!("{what} {n}"));
-    let mut views: Vec<&AlarmRow> = alarms.iter().collect();
-    views.sort_by(|a, b| b.peak_score.total_cmp(&a.peak_score));
-    let best = views.first().map_or(0, |alarm| alarm.view);
-    let mut scores = format!("score {:.1} in view {best}", defect.peak_score);
-    if let Some(threshold) = threshold {
-        scores += &format!(", alarms begin above {threshold:.1}");
-    }
-    let others: Vec<_> = views.iter().skip(1).map(|a| format!("{:.1} in view {}", a.peak_score, a.view)).collect();
-    if !others.is_empty() {
-        scores += &format!("; further alarms: {}", others.join(", "));
-    }
-    let decision = match (defect.state.as_str(), &defect.verdict_by) {
+fn decision(defect: &Defect) -> String {
+    match (defect.state.as_str(), &defect.verdict_by) {
         ("open", _) => "nobody decided yet".to_owned(),
         (state, Some(by)) => format!("{state} by {by}"),
         (state, None) => state.to_owned(),
-    };
-    let (from_m, to_m) = (defect.from_m, defect.to_m);
-    let angle = defect.angle_deg.map_or(String::new(), |angle| format!(", {angle:.0} degrees round the rope"));
-    let likely = suggestion.map(|s| {
-        let kind = DefectKind::from(s.kind).name().replace('_', " ");
-        format!("likely {kind}: {}; {:.0} mm2 over the threshold", s.why, s.area_mm2)
-    });
-    Captions {
-        title: format!("Surface anomaly {} of {rope}: {decision}", defect.number),
-        facts: [
-            Some(format!(
-                "rope metre {from_m:.4} to {to_m:.4} ({:.1} mm), {}, {}{angle}",
-                (to_m - from_m) * 1000.0,
-                named("strand", defect.strand),
-                named("wire", defect.wire)
-            )),
-            Some(scores),
-            likely,
-        ]
-        .into_iter()
-        .flatten()
-        .collect(),
     }
 }
 
 fn render(input: &Input, progress: &WhileAskedFor) -> Result<Vec<u8>, Problem> {
     let model = Model::read(&input.model).map_err(Problem::failure)?;
-    let seen = closeup(&input.acquisition, &input.frames, &input.maps, &model, &input.alarm, progress);
+    let seen = closeup(&input.acquisition, &input.frames, &input.maps, &model, &input.alarm, None, progress);
     let seen = seen.map_err(|error| match error {
         CloseupError::NotAligned(_) => Problem::no_card(error.to_string()),
         CloseupError::Pipeline(PipelineError::Cancelled) => Problem::busy("the service goes down"),

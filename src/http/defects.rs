@@ -4,7 +4,6 @@ use super::defect::{Defect, DefectState};
 use super::extract::{Path, Query};
 use super::pages::{PageQuery, page_of};
 use super::problem::ReadProblems;
-use super::suggestion::DefectKind;
 use super::tables::{CsvTable, cell, wants_csv};
 use super::{Problem, inspections};
 use crate::app::App;
@@ -122,7 +121,7 @@ pub async fn get_inspection_defects(
                 cell(row.angle_deg),
                 row.peak_score.to_string(),
                 cell(row.rank),
-                cell(suggestion.as_ref().map(|s| DefectKind::from(s.kind).name())),
+                cell(suggestion.as_ref().map(|s| s.kind.name())),
                 cell(suggestion.as_ref().map(|s| s.area_mm2)),
                 row.alarms()?.len().to_string(),
                 row.state,

@@ -27,7 +27,7 @@ pub struct NotCovered {
     reason: String,
 }
 
-/// The threshold that decided, and where it came from.
+/// The threshold that decides, and where it came from.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Threshold {
     /// Lines with a score above it are alarms.
@@ -57,10 +57,10 @@ pub struct Summary {
     covered_view_m: f64,
     /// What was not, with reasons.
     not_covered: Vec<NotCovered>,
-    /// The threshold; null without a model.
+    /// The threshold in force, the job's own or the one that was applied last; null without a model.
     #[schema(required)]
     threshold: Option<Threshold>,
-    /// Number of defects; null without a model.
+    /// Number of defects under it; null without a model.
     #[schema(required)]
     defects: Option<usize>,
     /// Number of places that are no defects but worth looking at again; null without a second level.

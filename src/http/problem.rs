@@ -91,6 +91,8 @@ kinds! {
     verdict_differs: CONFLICT, "verdict-differs", "There is another verdict already";
     /// Somebody else set a threshold before.
     threshold_moved: CONFLICT, "threshold-moved", "The model has another threshold by now";
+    /// The job has not ended.
+    inspection_running: CONFLICT, "inspection-running", "The inspection still runs";
     /// Nothing is sent to the endpoint.
     endpoint_disabled: CONFLICT, "endpoint-disabled", "The webhook endpoint is switched off";
     /// The upload got no byte for too long.
@@ -113,6 +115,8 @@ kinds! {
     unsupported_media_type: UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type", "The body is of a type that is not taken";
     /// A value outside its interval.
     out_of_range: UNPROCESSABLE_ENTITY, "out-of-range", "A value lies outside its interval";
+    /// A threshold under what an inspection stored.
+    below_look_again: UNPROCESSABLE_ENTITY, "below-look-again", "Nothing so low was stored of the inspection";
     /// A design that is no rope.
     design_impossible: UNPROCESSABLE_ENTITY, "design-impossible", "Such a rope cannot exist";
     /// A reference to something that is not there.
@@ -131,6 +135,8 @@ kinds! {
     frame_unreadable: UNPROCESSABLE_ENTITY, "frame-unreadable", "The body is not a whole gray image";
     /// The model is of another rope.
     model_of_another_rope: UNPROCESSABLE_ENTITY, "model-of-another-rope", "The model was trained on another rope";
+    /// The model does not know how often intact rope scores high.
+    model_without_tail: UNPROCESSABLE_ENTITY, "model-without-tail", "The model does not tell how often intact rope scores high";
     /// A further acquisition is of another rope.
     acquisition_of_another_rope: UNPROCESSABLE_ENTITY, "acquisition-of-another-rope", "The acquisition shows another rope";
     /// Acquisitions of different camera heads.

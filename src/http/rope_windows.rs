@@ -5,7 +5,8 @@ use super::extract::{Json, Path};
 use super::problem::{ReadProblems, WriteProblems};
 use super::ropes;
 use crate::app::App;
-use crate::store::{Id, StoreError, rope_windows};
+use crate::pipeline::surface_alarms;
+use crate::store::Id;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -26,12 +27,20 @@ pub enum WindowUnit {
     Lay,
 }
 
-impl WindowUnit {
-    /// Its name in the database and in the API.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Diameter => "diameter",
-            Self::Lay => "lay",
+impl From<surface_alarms::WindowUnit> for WindowUnit {
+    fn from(unit: surface_alarms::WindowUnit) -> Self {
+        match unit {
+            surface_alarms::WindowUnit::Diameter => Self::Diameter,
+            surface_alarms::WindowUnit::Lay => Self::Lay,
+        }
+    }
+}
+
+impl From<WindowUnit> for surface_alarms::WindowUnit {
+    fn from(unit: WindowUnit) -> Self {
+        match unit {
+            WindowUnit::Diameter => Self::Diameter,
+            WindowUnit::Lay => Self::Lay,
         }
     }
 }
@@ -60,25 +69,21 @@ pub struct RopeWindows {
     windows: Vec<RopeWindow>,
 }
 
-impl TryFrom<rope_windows::RopeWindow> for RopeWindow {
-    type Error = StoreError;
-
-    fn try_from(row: rope_windows::RopeWindow) -> Result<Self, StoreError> {
-        let unit = [WindowUnit::Diameter, WindowUnit::Lay].into_iter().find(|unit| unit.name() == row.unit);
-        let unit = unit.ok_or_else(|| StoreError::Inconsistent {
-            table: "rope_window",
-            column: "unit",
-            row: row.length.to_string(),
-            value: row.unit.clone(),
-        })?;
-        Ok(Self { unit, length: row.length, most_surface_alarms: row.most_surface_alarms })
+impl From<surface_alarms::RopeWindow> for RopeWindow {
+    fn from(w: surface_alarms::RopeWindow) -> Self {
+        Self { unit: w.unit.into(), length: w.length, most_surface_alarms: w.most_surface_alarms }
     }
 }
 
-/// The windows of a rope.
-pub async fn load(app: &App, rope: Id) -> Result<Vec<RopeWindow>, Problem> {
-    let rows = app.store.rope_windows(rope).await?;
-    Ok(rows.into_iter().map(RopeWindow::try_from).collect::<Result<_, _>>()?)
+impl From<&RopeWindow> for surface_alarms::RopeWindow {
+    fn from(w: &RopeWindow) -> Self {
+        Self { unit: w.unit.into(), length: w.length, most_surface_alarms: w.most_surface_alarms }
+    }
+}
+
+async fn load(app: &App, rope: Id) -> Result<RopeWindows, Problem> {
+    let windows = app.store.rope_windows(rope).await?;
+    Ok(RopeWindows { windows: windows.into_iter().map(RopeWindow::from).collect() })
 }
 
 fn check(windows: &[RopeWindow]) -> Result<(), Problem> {
@@ -96,7 +101,7 @@ fn check(windows: &[RopeWindow]) -> Result<(), Problem> {
             return Err(Problem::out_of_range(format!(
                 "two windows have the length {} in the unit {}: leave one",
                 window.length,
-                window.unit.name()
+                surface_alarms::WindowUnit::from(window.unit).name()
             ))
             .with("value", window.length));
         }
@@ -112,7 +117,7 @@ pub async fn get_rope_windows(
     Path(id): Path<Uuid>,
 ) -> Result<axum::Json<RopeWindows>, Problem> {
     ropes::load(&app, id).await?;
-    Ok(axum::Json(RopeWindows { windows: load(&app, Id(id)).await? }))
+    Ok(axum::Json(load(&app, Id(id)).await?))
 }
 
 /// Set over which windows surface alarms of a rope are counted, and how many are too many
@@ -126,11 +131,7 @@ pub async fn put_rope_windows(
 ) -> Result<axum::Json<RopeWindows>, Problem> {
     check(&body.windows)?;
     ropes::load(&app, id).await?;
-    let row = |w: &RopeWindow| rope_windows::RopeWindow {
-        unit: w.unit.name().to_owned(),
-        length: w.length,
-        most_surface_alarms: w.most_surface_alarms,
-    };
-    app.store.set_rope_windows(Id(id), &body.windows.iter().map(row).collect::<Vec<_>>()).await?;
-    Ok(axum::Json(RopeWindows { windows: load(&app, Id(id)).await? }))
+    let windows: Vec<_> = body.windows.iter().map(surface_alarms::RopeWindow::from).collect();
+    app.store.set_rope_windows(Id(id), &windows).await?;
+    Ok(axum::Json(load(&app, Id(id)).await?))
 }

@@ -2,10 +2,10 @@
 
 use super::auth::{ADMIN, EVERYBODY, OPERATORS, READERS, Roles, TICKETERS, UPLOADERS, authorise};
 use super::{
-    Problem, acquisitions, completion, defect_card, defects, deliveries, frames, guard, health, history, inspections,
-    job_events, jobs, lay_lengths, line_scores, manifest, models, openapi, pictures, previews, provisional, receipts,
-    rope_windows, ropes, ropeways, surface_alarms, threshold_preview, thresholds, tickets, tokens, tus, unpack,
-    verdicts, wanted, webhooks,
+    Problem, acquisitions, completion, defect_card, defects, deliveries, frames, guard, health, history,
+    inspection_thresholds, inspections, job_events, jobs, lay_lengths, line_scores, manifest, models, openapi,
+    pictures, previews, provisional, receipts, rope_windows, ropes, ropeways, surface_alarms, threshold_preview,
+    thresholds, tickets, tokens, tus, unpack, verdicts, wanted, webhooks,
 };
 use crate::app::App;
 use axum::Router;
@@ -59,6 +59,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(thresholds::list_thresholds))
         .routes(routes!(inspections::list_inspections))
         .routes(routes!(inspections::get_inspection))
+        .routes(routes!(inspection_thresholds::list_inspection_thresholds))
         .routes(routes!(receipts::get_certificate))
         .routes(routes!(receipts::get_signing_key))
         .routes(routes!(lay_lengths::get_lay_lengths))
@@ -84,6 +85,7 @@ fn api(app: &App) -> OpenApiRouter<App> {
         .routes(routes!(jobs::create_job))
         .routes(routes!(jobs::cancel_job))
         .routes(routes!(thresholds::put_threshold))
+        .routes(routes!(inspection_thresholds::apply_threshold))
         .routes(routes!(threshold_preview::preview_threshold))
         .routes(routes!(verdicts::post_verdict))
         .routes(routes!(deliveries::list_deliveries))

@@ -20,19 +20,6 @@ pub enum DefectKind {
     Unclear,
 }
 
-impl DefectKind {
-    /// Its name in tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Gap => "gap",
-            Self::MissingWire => "missing_wire",
-            Self::ProtrudingWire => "protruding_wire",
-            Self::SurfaceChange => "surface_change",
-            Self::Unclear => "unclear",
-        }
-    }
-}
-
 impl From<results::Kind> for DefectKind {
     fn from(kind: results::Kind) -> Self {
         match kind {

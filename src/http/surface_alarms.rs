@@ -6,21 +6,18 @@
 use super::extract::{Path, Query};
 use super::inspections::{self, NotCovered};
 use super::problem::ReadProblems;
-use super::rope_windows::{self, RopeWindow, WindowUnit};
-use super::tables::{CsvTable, FormatQuery, cell, wants_csv};
+use super::rope_windows;
+use super::tables::{FormatQuery, csv_answer, wants_csv};
 use super::{Problem, ropes};
 use crate::app::App;
-use crate::pipeline::results;
-use crate::pipeline::windows::{Span, Tally, series, windows_of};
+use crate::pipeline::surface_alarms::{self, RopeWindow, UnitLengths};
+use crate::pipeline::windows::Span;
 use crate::store::Id;
 use crate::store::defects::{ALARM, Defect};
-use crate::store::lay_lengths::Stretch;
-use crate::store::ropes::Design;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use std::collections::BTreeSet;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
@@ -59,7 +56,7 @@ pub struct AlarmWindow {
 #[derive(Debug, Serialize, ToSchema)]
 pub struct AlarmWindows {
     /// The length as it is stated for the rope, and its limit.
-    window: RopeWindow,
+    window: rope_windows::RopeWindow,
     /// The length in m; null if it is not known.
     #[schema(required)]
     length_m: Option<f64>,
@@ -112,19 +109,20 @@ pub async fn get_surface_alarms(
     let rope = Span { from_m: start_m, to_m: start_m + summary.metres };
     let design = ropes::load(&app, inspection.rope_id.0).await?.design;
     let stretches = app.store.lay_lengths(Id(id), None, rope.from_m, rope.to_m).await?;
+    let lays_mm = stretches.iter().filter_map(|s| s.row.strand_lay_mm);
+    let lengths = UnitLengths::new(design.rope_diameter_mm, design.strand_lay_mm, lays_mm);
     let found = app.store.found_in(Id(id), None).await?;
     // A place to look at again counts as soon as somebody has looked and confirmed it.
     let counts = |d: &&Defect| d.state == "confirmed" || (d.level == ALARM && d.state != "dismissed");
     let spans: Vec<Span> = found.iter().filter(counts).map(|d| Span { from_m: d.from_m, to_m: d.to_m }).collect();
-    let counter = Counter { rope, tally: Tally::new(&spans), not_covered: &summary.not_covered };
-    let mut left = MAX_WINDOWS;
-    let windows = rope_windows::load(&app, inspection.rope_id)
-        .await?
-        .into_iter()
-        .map(|window| counter.windows(window, length(window, &design, &stretches), &mut left))
-        .collect::<Result<Vec<_>, _>>()?;
+    let alarms = surface_alarms::SurfaceAlarms::new(rope, lengths, &spans, &summary.not_covered);
+    let windows = app.store.rope_windows(inspection.rope_id).await?;
+    check(&alarms, &windows, rope)?;
+    let windows: Vec<_> = windows.into_iter().map(|window| alarms.over(window)).collect();
     if wants_csv(query.format, &headers) {
-        return csv(&windows);
+        let mut bytes = Vec::new();
+        surface_alarms::write_csv(&windows, &mut bytes).map_err(Problem::failure)?;
+        return Ok(csv_answer(bytes));
     }
     let answer = SurfaceAlarms {
         inspection_id: id,
@@ -132,124 +130,58 @@ pub async fn get_surface_alarms(
         to_m: rope.to_m,
         surface_alarms: spans.len(),
         not_covered: summary.not_covered.iter().cloned().map(NotCovered::from).collect(),
-        windows,
+        windows: windows.into_iter().map(AlarmWindows::from).collect(),
     };
     Ok(axum::Json(answer).into_response())
 }
 
-/// Length of a window in m. Lay lengths are signed; a window is as long as they are.
-fn length(window: RopeWindow, design: &Design, stretches: &[Stretch]) -> Option<(f64, LengthOrigin)> {
-    let (unit_mm, origin) = match window.unit {
-        WindowUnit::Diameter => (design.rope_diameter_mm, LengthOrigin::Designed),
-        WindowUnit::Lay => {
-            let measured: Vec<f64> = stretches.iter().filter_map(|s| s.row.strand_lay_mm).map(f64::abs).collect();
-            if measured.is_empty() {
-                (design.strand_lay_mm?.abs(), LengthOrigin::Designed)
-            } else {
-                (measured.iter().sum::<f64>() / measured.len() as f64, LengthOrigin::Measured)
-            }
+impl From<surface_alarms::LengthOrigin> for LengthOrigin {
+    fn from(origin: surface_alarms::LengthOrigin) -> Self {
+        match origin {
+            surface_alarms::LengthOrigin::Designed => Self::Designed,
+            surface_alarms::LengthOrigin::Measured => Self::Measured,
         }
-    };
-    Some((window.length * unit_mm / 1000.0, origin))
+    }
 }
 
-/// What is counted.
-struct Counter<'a> {
-    rope: Span,
-    tally: Tally,
-    not_covered: &'a [results::NotCovered],
+impl From<surface_alarms::AlarmWindow> for AlarmWindow {
+    fn from(w: surface_alarms::AlarmWindow) -> Self {
+        Self {
+            from_m: w.span.from_m,
+            to_m: w.span.to_m,
+            surface_alarms: w.surface_alarms,
+            over_limit: w.over_limit,
+            not_covered_view_m: w.not_covered_view_m,
+            not_covered_reasons: w.not_covered_reasons,
+        }
+    }
 }
 
-impl Counter<'_> {
-    fn windows(
-        &self,
-        window: RopeWindow,
-        length: Option<(f64, LengthOrigin)>,
-        left: &mut usize,
-    ) -> Result<AlarmWindows, Problem> {
-        let Some((length_m, origin)) = length else {
-            let reason = "no lay length was measured and the design states none".to_owned();
-            let (length_m, length_origin, worst) = (None, None, None);
-            return Ok(AlarmWindows {
-                window,
-                length_m,
-                length_origin,
-                worst,
-                series: Vec::new(),
-                reason: Some(reason),
-            });
-        };
-        let n = windows_of(self.rope, length_m);
-        *left = left.checked_sub(n).ok_or_else(|| {
+impl From<surface_alarms::AlarmWindows> for AlarmWindows {
+    fn from(w: surface_alarms::AlarmWindows) -> Self {
+        Self {
+            window: w.window.into(),
+            length_m: w.length_m.map(|(length_m, _)| length_m),
+            length_origin: w.length_m.map(|(_, origin)| origin.into()),
+            worst: w.worst.map(AlarmWindow::from),
+            series: w.series.into_iter().map(AlarmWindow::from).collect(),
+            reason: w.reason.map(str::to_owned),
+        }
+    }
+}
+
+/// Refuses more windows than one answer may have.
+fn check(alarms: &surface_alarms::SurfaceAlarms<'_>, windows: &[RopeWindow], rope: Span) -> Result<(), Problem> {
+    let mut left = MAX_WINDOWS;
+    for window in windows {
+        let (n, length_m) = alarms.windows_of(*window);
+        left = left.checked_sub(n).ok_or_else(|| {
             Problem::range_too_large(format!(
                 "{:.0} m of rope have {n} windows of {length_m:.3} m, more than the {MAX_WINDOWS} that one answer has in all: set longer windows for the rope",
-                self.rope.length_m()
+                rope.length_m()
             ))
             .limit(n, MAX_WINDOWS)
         })?;
-        Ok(AlarmWindows {
-            window,
-            length_m: Some(length_m),
-            length_origin: Some(origin),
-            worst: Some(self.look(self.tally.worst(self.rope, length_m), window)),
-            series: series(self.rope, length_m).map(|span| self.look(span, window)).collect(),
-            reason: None,
-        })
     }
-
-    fn look(&self, span: Span, window: RopeWindow) -> AlarmWindow {
-        let surface_alarms = self.tally.count(&span);
-        let mut not_covered_view_m = 0.0;
-        let mut reasons = BTreeSet::new();
-        for gap in self.not_covered {
-            let overlap_m = span.overlap_m(&Span { from_m: gap.from_m, to_m: gap.to_m });
-            if overlap_m > 0.0 {
-                not_covered_view_m += overlap_m;
-                reasons.insert(gap.reason.clone());
-            }
-        }
-        AlarmWindow {
-            from_m: span.from_m,
-            to_m: span.to_m,
-            surface_alarms,
-            over_limit: window.most_surface_alarms.map(|most| surface_alarms > most as usize),
-            not_covered_view_m,
-            not_covered_reasons: reasons.into_iter().collect(),
-        }
-    }
-}
-
-fn csv(windows: &[AlarmWindows]) -> Result<Response, Problem> {
-    let mut table = CsvTable::new(&[
-        "unit",
-        "length",
-        "length_m",
-        "place",
-        "from_m",
-        "to_m",
-        "surface_alarms",
-        "most_surface_alarms",
-        "over_limit",
-        "not_covered_view_m",
-        "not_covered_reasons",
-    ])?;
-    for AlarmWindows { window, length_m, worst, series, .. } in windows {
-        let places = worst.iter().map(|w| ("worst", w)).chain(series.iter().map(|w| ("series", w)));
-        for (place, found) in places {
-            table.row(&[
-                window.unit.name().to_owned(),
-                window.length.to_string(),
-                cell(*length_m),
-                place.to_owned(),
-                found.from_m.to_string(),
-                found.to_m.to_string(),
-                found.surface_alarms.to_string(),
-                cell(window.most_surface_alarms),
-                cell(found.over_limit),
-                found.not_covered_view_m.to_string(),
-                found.not_covered_reasons.join("; "),
-            ])?;
-        }
-    }
-    table.finish()
+    Ok(())
 }

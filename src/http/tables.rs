@@ -56,8 +56,13 @@ impl CsvTable {
     /// The answer.
     pub fn finish(self) -> Result<Response, Problem> {
         let bytes = self.0.into_inner().map_err(Problem::failure)?;
-        Ok(([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], bytes).into_response())
+        Ok(csv_answer(bytes))
     }
+}
+
+/// CSV as an answer.
+pub fn csv_answer(bytes: Vec<u8>) -> Response {
+    ([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], bytes).into_response()
 }
 
 /// A cell; empty if there is no value.

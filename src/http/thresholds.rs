@@ -20,7 +20,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 /// Line scores are weighed sums of decades of rarity; none is beyond this.
-const MAX_LINE_SCORE: f64 = 1000.0;
+pub const MAX_LINE_SCORE: f64 = 1000.0;
 
 /// A threshold of a model.
 #[derive(Debug, Serialize, ToSchema)]

@@ -6,7 +6,7 @@ use super::extract::{Json, Path};
 use super::problem::WriteProblems;
 use super::ropeways::{MAX_NAME, check_text};
 use crate::app::App;
-use crate::store::{Id, defects};
+use crate::store::{Id, defects, tickets};
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -58,7 +58,7 @@ pub async fn put_ticket(
                 .with("value", url));
         }
     }
-    let ticket = defects::Ticket { number: body.number, url: body.url, state: body.state };
+    let ticket = tickets::Ticket { number: body.number, url: body.url, state: body.state };
     let row = app.store.set_ticket(Id(id), &ticket).await?.ok_or_else(|| Problem::no("defect", id))?;
     Ok(axum::Json(row.try_into()?))
 }

@@ -88,32 +88,67 @@ pub struct BudgetFit {
     pub left_out: usize,
     /// Score from which on the tail is a law.
     pub tail_from: f64,
+    /// Scores of these peaks, ascending: what the law was fitted to, so that it answers for every other rate, with its interval. Empty in
+    /// models of earlier versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tail_peaks: Vec<f32>,
+}
+
+/// The threshold that so many false defects allow.
+fn level(tail: &Tail, per_100m: f64) -> Level {
+    Level { false_defects_per_100m: per_100m, ..costs(tail, tail.score_for(per_100m / 100.0)) }
+}
+
+/// What a threshold costs.
+fn costs(tail: &Tail, line_score: f64) -> Level {
+    let per_100m = 100.0 * tail.rate(line_score);
+    let (low, high) = tail.rate_between(line_score);
+    Level {
+        line_score,
+        false_defects_per_100m: per_100m,
+        at_least_per_100m: 100.0 * low,
+        at_most_per_100m: 100.0 * high,
+        reinspect_m_per_100m: per_100m * REINSPECT_M_PER_DEFECT,
+    }
 }
 
 impl BudgetFit {
     /// Both thresholds from the peaks of held-back intact rope. `None` with too few.
     pub fn of(budget: Budget, false_defects_per_100m: f64, peaks: &[f32], held_back_m: f64) -> Option<Self> {
         let (tail, left_out) = Tail::of_intact(peaks, held_back_m)?;
-        let level = |per_100m: f64| {
-            let line_score = tail.score_for(per_100m / 100.0);
-            let (low, high) = tail.rate_between(line_score);
-            Level {
-                line_score,
-                false_defects_per_100m: per_100m,
-                at_least_per_100m: 100.0 * low,
-                at_most_per_100m: 100.0 * high,
-                reinspect_m_per_100m: per_100m * REINSPECT_M_PER_DEFECT,
-            }
-        };
+        let mut tail_peaks: Vec<f32> = peaks.iter().copied().filter(|&p| f64::from(p) >= tail.base()).collect();
+        tail_peaks.sort_by(f32::total_cmp);
+        tail_peaks.truncate(tail_peaks.len() - left_out);
         Some(Self {
             budget,
-            alarm: level(false_defects_per_100m),
-            look_again: level(LOOK_AGAIN_BUDGETS * false_defects_per_100m),
+            alarm: level(&tail, false_defects_per_100m),
+            look_again: level(&tail, LOOK_AGAIN_BUDGETS * false_defects_per_100m),
             held_back_m,
-            peaks: peaks.iter().filter(|&&p| f64::from(p) >= tail.base()).count() - left_out,
+            peaks: tail_peaks.len(),
             left_out,
             tail_from: tail.base(),
+            tail_peaks,
         })
+    }
+
+    /// The law, from what is stored of it; `None` in models of earlier versions.
+    fn tail(&self) -> Option<Tail> {
+        let base = self.tail_peaks.first()?;
+        Tail::over(f64::from(*base), &self.tail_peaks, f64::INFINITY, self.held_back_m)
+    }
+
+    /// The threshold that so many false defects per 100 m allow, which must lie within [`FALSE_DEFECTS`]. `None` if the model is of an
+    /// earlier version.
+    pub fn at(&self, false_defects_per_100m: f64) -> Option<Level> {
+        Some(level(&self.tail()?, false_defects_per_100m))
+    }
+
+    /// What any threshold costs on intact rope. `None` if the model is of an earlier version, or where its metres do not tell: under the
+    /// tail, and for rates outside [`FALSE_DEFECTS`].
+    pub fn costs_of(&self, line_score: f64) -> Option<Level> {
+        let tail = self.tail().filter(|tail| line_score >= tail.base())?;
+        let told = FALSE_DEFECTS.0..=FALSE_DEFECTS.1;
+        told.contains(&(100.0 * tail.rate(line_score))).then(|| costs(&tail, line_score))
     }
 
     /// Where the threshold comes from, as a sentence.
@@ -157,6 +192,33 @@ mod tests {
         let error = Budget::ReinspectM(50.0).false_defects().unwrap_err();
         assert!(error.contains("50") && error.ends_with("between 0.006 and 6"), "{error}");
         assert!(Budget::FalseDefects(f64::NAN).false_defects().is_err());
+    }
+
+    #[test]
+    fn a_stored_fit_answers_for_every_rate_as_a_training_would_and_an_earlier_one_says_that_it_cannot() {
+        let mut peaks = peaks();
+        peaks.extend([30.0, 40.0]); // two defects that nobody had seen
+        let fit = |n: f64| BudgetFit::of(Budget::FalseDefects(n), n, &peaks, 5.0).unwrap();
+        assert_eq!((fit(2.0).peaks, fit(2.0).left_out), (fit(2.0).tail_peaks.len(), 2));
+        let mut stored = serde_json::to_value(fit(2.0)).unwrap();
+        let read: BudgetFit = serde_json::from_value(stored.clone()).unwrap();
+        for n in [0.1, 2.0, 10.0, 100.0] {
+            let (told, trained) = (read.at(n).unwrap(), fit(n).alarm);
+            // The law is fitted to the same numbers; only their last digits may be lost on the way.
+            assert!((told.line_score - trained.line_score).abs() < 1e-6, "{told:?} {trained:?}");
+            assert!((told.at_least_per_100m / trained.at_least_per_100m - 1.0).abs() < 1e-6);
+            assert!((told.at_most_per_100m / trained.at_most_per_100m - 1.0).abs() < 1e-6);
+        }
+        let back = read.costs_of(fit(10.0).alarm.line_score).unwrap();
+        assert!((back.false_defects_per_100m - 10.0).abs() < 1e-6, "{back:?}");
+        assert!(back.at_least_per_100m < 10.0 && 10.0 < back.at_most_per_100m);
+        assert_eq!(read.costs_of(50.0), None, "so far out nobody knows");
+        assert_eq!(read.costs_of(1.0), None, "under the tail there is no law");
+
+        stored.as_object_mut().unwrap().remove("tail_peaks");
+        let earlier: BudgetFit = serde_json::from_value(stored).unwrap();
+        assert_eq!((earlier.at(2.0), earlier.costs_of(6.0)), (None, None));
+        assert_eq!(earlier.alarm, read.alarm);
     }
 
     #[test]

@@ -66,13 +66,15 @@ pub struct Closeup {
     pub across: Vec<ProfilePoint>,
 }
 
-/// Looks at an alarm in its view. `map` gives the likelihood maps of that view, as its only one.
+/// Looks at an alarm in its view. `map` gives the likelihood maps of that view, as its only one; `given_contours` are those that the
+/// inspection used, if it did not measure them.
 pub fn closeup(
     acquisition: &Acquisition,
     source: &dyn FrameSource,
     map: &dyn FrameSource,
     model: &Model,
     alarm: &AlarmRow,
+    given_contours: Option<&[Vec<(f32, f32)>]>,
     progress: &dyn Progress,
 ) -> Result<Closeup, CloseupError> {
     model.check(acquisition)?;
@@ -82,7 +84,7 @@ pub fn closeup(
     let start = middle.saturating_sub(stretch_lines / 2);
     let from = start - stretch_lines * BEFORE.min(start / stretch_lines);
     let range = from..from + STRETCHES * stretch_lines;
-    let drive = Drive { acquisition, source, range, given_contours: None, stage: "align", progress };
+    let drive = Drive { acquisition, source, range, given_contours, stage: "align", progress };
     let mut found: Option<(AlignedStretch, Vec<Camera>)> = None;
     drive.run(&mut drive.reader()?, |stretch, cameras| {
         if (stretch.first_line..stretch.first_line + stretch.lines).contains(&middle) {

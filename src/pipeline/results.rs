@@ -93,6 +93,19 @@ pub enum Kind {
     Unclear,
 }
 
+impl Kind {
+    /// Its name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gap => "gap",
+            Self::MissingWire => "missing_wire",
+            Self::ProtrudingWire => "protruding_wire",
+            Self::SurfaceChange => "surface_change",
+            Self::Unclear => "unclear",
+        }
+    }
+}
+
 /// What a defect is likely to be, with the figures that say so. People decide.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Suggestion {
@@ -178,6 +191,13 @@ pub struct DefectRow {
     pub alarms: Vec<AlarmRow>,
 }
 
+impl DefectRow {
+    /// The alarm with the highest score; of several, the last.
+    pub fn worst(&self) -> Option<&AlarmRow> {
+        self.alarms.iter().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score))
+    }
+}
+
 /// A stretch of a view that was not inspected. Not covered is not intact.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NotCovered {
@@ -234,8 +254,8 @@ pub struct Summary {
     /// Number of places that are no defects but worth looking at again; `None` without a second level.
     #[serde(default)]
     pub look_again: Option<usize>,
-    /// Whether the model still fits this rope; `None` without a model that knows.
-    #[serde(default)]
+    /// Whether the model still fits this rope; `None` without a model that knows. In the file `cannot_tell` stands beside `fits`.
+    #[serde(default, serialize_with = "super::third_answer::write")]
     pub fit: Option<ModelFit>,
     /// Diameter, ovality and looseness along the rope; `None` where no diameter was measured.
     #[serde(default)]

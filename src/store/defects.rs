@@ -1,6 +1,7 @@
-//! Defects, what people decided about them, and the tickets that came of it.
+//! Defects, and what people decided about them.
 
-use super::outbox::{self, Cause, DefectFacts};
+use super::outbox::Cause;
+use super::tickets::{enqueue_ticket, ticket_by_level, ticket_level};
 use super::{Id, Page, PageRequest, Store, StoreError};
 use crate::pipeline::results::{AlarmRow, DefectRow, Level, Suggestion};
 use sqlx::SqliteConnection;
@@ -64,28 +65,13 @@ pub enum Judged {
     Unknown,
 }
 
-/// A ticket as the maintenance system knows it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Ticket {
-    /// Its number there.
-    pub number: String,
-    /// Where people see it.
-    pub url: Option<String>,
-    /// Its state, in the words of that system.
-    pub state: String,
-}
-
 pub(super) async fn insert(
     connection: &mut SqliteConnection,
     inspection: Id,
     defects: &[(Id, DefectRow)],
     now_ms: i64,
 ) -> Result<(), StoreError> {
-    let ticket_level: Option<f64> =
-        sqlx::query_scalar("select r.ticket_level from inspection i join rope r on r.id = i.rope_id where i.id = $1")
-            .bind(inspection)
-            .fetch_one(&mut *connection)
-            .await?;
+    let ticket_level = ticket_level(connection, inspection).await?;
     for (id, defect) in defects {
         let alarms = serde_json::to_string(&defect.alarms).map_err(|e| StoreError::Inconsistent {
             table: "defect",
@@ -119,45 +105,10 @@ pub(super) async fn insert(
         .await?;
         if let Some(ticket_level) = ticket_level
             && defect.level == Level::Alarm
-            && defect.peak_score >= ticket_level
         {
-            enqueue_ticket(connection, *id, Cause::Level { ticket_level }, now_ms).await?;
+            ticket_by_level(connection, *id, defect.peak_score, ticket_level, now_ms).await?;
         }
     }
-    Ok(())
-}
-
-/// Queues the ticket of a defect, with what is known of it now; part of the caller's transaction.
-async fn enqueue_ticket(
-    connection: &mut SqliteConnection,
-    id: Id,
-    cause: Cause,
-    now_ms: i64,
-) -> Result<(), StoreError> {
-    let defect: Defect =
-        sqlx::query_as("select * from defect where id = $1").bind(id).fetch_one(&mut *connection).await?;
-    let (rope, ropeway): (String, String) =
-        sqlx::query_as("select r.name, w.name from rope r join ropeway w on w.id = r.ropeway_id where r.id = $1")
-            .bind(defect.rope_id)
-            .fetch_one(&mut *connection)
-            .await?;
-    let alarms = defect.alarms()?;
-    let worst = alarms.iter().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score));
-    let facts = DefectFacts {
-        defect_id: id.0,
-        inspection_id: defect.inspection_id.0,
-        rope_id: defect.rope_id.0,
-        rope,
-        ropeway,
-        from_m: defect.from_m,
-        to_m: defect.to_m,
-        strand: defect.strand.map(|s| s as usize),
-        wire: defect.wire.map(|w| w as usize),
-        peak_score: defect.peak_score,
-        view: worst.map_or(0, |alarm| alarm.view),
-        cause,
-    };
-    outbox::enqueue_defect(connection, &facts, now_ms).await?;
     Ok(())
 }
 
@@ -171,9 +122,7 @@ impl Defect {
             value: e.to_string(),
         })
     }
-}
 
-impl Defect {
     /// What it is likely to be.
     pub fn suggestion(&self) -> Result<Option<Suggestion>, StoreError> {
         self.suggestion
@@ -188,6 +137,23 @@ impl Defect {
             })
             .transpose()
     }
+
+    /// The defect as results tell it.
+    pub fn row(&self) -> Result<DefectRow, StoreError> {
+        Ok(DefectRow {
+            id: self.number as usize,
+            level: if self.level == LOOK_AGAIN { Level::LookAgain } else { Level::Alarm },
+            from_m: self.from_m,
+            to_m: self.to_m,
+            strand: self.strand.map(|s| s as usize),
+            wire: self.wire.map(|w| w as usize),
+            angle_deg: self.angle_deg,
+            peak_score: self.peak_score,
+            rank: self.rank.map(|rank| rank as usize),
+            suggestion: self.suggestion()?,
+            alarms: self.alarms()?,
+        })
+    }
 }
 
 impl Store {
@@ -201,10 +167,11 @@ impl Store {
         self.found_in(inspection, Some(ALARM)).await
     }
 
-    /// What an inspection found over one level, along the rope; over any, defects come first.
+    /// What an inspection found over one level, along the rope; over any, defects come first. Numbers are those of the job, and
+    /// another threshold moves places between the levels.
     pub async fn found_in(&self, inspection: Id, level: Option<&str>) -> Result<Vec<Defect>, StoreError> {
         Ok(sqlx::query_as(
-            "select * from defect where inspection_id = $1 and ($2 is null or level = $2) order by number",
+            "select * from defect where inspection_id = $1 and ($2 is null or level = $2) order by level, from_m, number",
         )
         .bind(inspection)
         .bind(level)
@@ -262,21 +229,5 @@ impl Store {
         }
         tx.commit().await?;
         Ok(Judged::Accepted(defect))
-    }
-
-    /// Writes back what the maintenance system says of the ticket. `None` if there is no such defect.
-    pub async fn set_ticket(&self, id: Id, ticket: &Ticket) -> Result<Option<Defect>, StoreError> {
-        let mut tx = self.write().await?;
-        let row = sqlx::query_as(
-            "update defect set ticket_number = $2, ticket_url = $3, ticket_state = $4 where id = $1 returning *",
-        )
-        .bind(id)
-        .bind(&ticket.number)
-        .bind(&ticket.url)
-        .bind(&ticket.state)
-        .fetch_optional(&mut *tx)
-        .await?;
-        tx.commit().await?;
-        Ok(row)
     }
 }

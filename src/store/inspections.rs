@@ -1,8 +1,9 @@
 //! Inspections: what a job concluded about one acquisition with one model and one threshold.
 
+use super::inspection_thresholds::origin;
 use super::leases::{Lease, settle};
 use super::{Id, Page, PageRequest, Store, StoreError, defects, lay_lengths};
-use crate::pipeline::results::{DefectRow, LayLengthRow, Summary};
+use crate::pipeline::results::{DefectRow, LayLengthRow, Summary, Threshold};
 
 /// An inspection.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
@@ -19,10 +20,22 @@ pub struct Inspection {
     pub model_id: Option<Id>,
     /// The job that did it.
     pub job_id: Id,
-    /// JSON of [`Summary`].
+    /// JSON of [`Summary`], as the job left it.
     pub summary: String,
     /// When it ended, ms since 1970.
     pub created_at_ms: i64,
+    /// The threshold that was applied last, and the following with it; `None`: the job's own holds.
+    pub applied_line_score: Option<f64>,
+    /// Its second level.
+    pub applied_look_again_line_score: Option<f64>,
+    /// Who applied it.
+    pub applied_by: Option<String>,
+    /// Why.
+    pub applied_because: Option<String>,
+    /// Defects since then.
+    pub applied_defects: Option<u32>,
+    /// Places to look at again since then.
+    pub applied_look_again: Option<u32>,
 }
 
 /// An inspection to be recorded; its results folder is in place.
@@ -41,8 +54,26 @@ pub struct NewInspection {
 }
 
 impl Inspection {
-    /// What the run says of itself.
+    /// What the run says of itself, with the threshold in force and what it makes of the places found.
     pub fn summary(&self) -> Result<Summary, StoreError> {
+        let of_job = self.summary_of_job()?;
+        let Some(line_score) = self.applied_line_score else { return Ok(of_job) };
+        let text = |text: &Option<String>| text.clone().unwrap_or_default();
+        let look_again_line_score = self.applied_look_again_line_score;
+        Ok(Summary {
+            threshold: Some(Threshold {
+                line_score,
+                look_again_line_score,
+                origin: origin(&text(&self.applied_by), &text(&self.applied_because)),
+            }),
+            defects: self.applied_defects.map(|n| n as usize),
+            look_again: self.applied_look_again.filter(|_| look_again_line_score.is_some()).map(|n| n as usize),
+            ..of_job
+        })
+    }
+
+    /// What the run said of itself when it ended.
+    pub fn summary_of_job(&self) -> Result<Summary, StoreError> {
         serde_json::from_str(&self.summary).map_err(|e| StoreError::Inconsistent {
             table: "inspection",
             column: "summary",
@@ -84,7 +115,10 @@ impl Store {
 
     /// An inspection.
     pub async fn inspection(&self, id: Id) -> Result<Option<Inspection>, StoreError> {
-        Ok(sqlx::query_as("select * from inspection where id = $1").bind(id).fetch_optional(self.reader()).await?)
+        Ok(sqlx::query_as("select * from judged_inspection where id = $1")
+            .bind(id)
+            .fetch_optional(self.reader())
+            .await?)
     }
 
     /// Inspections, of one rope or acquisition or of all, page by page.
@@ -95,7 +129,7 @@ impl Store {
         page: PageRequest,
     ) -> Result<Page<Inspection>, StoreError> {
         let rows = sqlx::query_as(
-            "select * from inspection where ($1 is null or rope_id = $1) and ($2 is null or acquisition_id = $2) and seq < $3
+            "select * from judged_inspection where ($1 is null or rope_id = $1) and ($2 is null or acquisition_id = $2) and seq < $3
              order by seq desc limit $4",
         )
         .bind(rope)
@@ -119,7 +153,7 @@ impl Store {
 
     /// The newest inspections with a model, newest first.
     pub async fn inspections_with(&self, model: Id, limit: u32) -> Result<Vec<Inspection>, StoreError> {
-        Ok(sqlx::query_as("select * from inspection where model_id = $1 order by seq desc limit $2")
+        Ok(sqlx::query_as("select * from judged_inspection where model_id = $1 order by seq desc limit $2")
             .bind(model)
             .bind(limit)
             .fetch_all(self.reader())

@@ -1,38 +1,44 @@
 //! Windows of rope over which surface alarms are counted, with limits: the usual ones, or those set for a rope.
 
 use super::{Id, Store, StoreError};
+use crate::pipeline::surface_alarms::{RopeWindow, WindowUnit, usual};
 
-/// A window of rope, as rules for ropes state it.
-#[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
-pub struct RopeWindow {
-    /// `diameter` or `lay`: what the length is counted in.
-    pub unit: String,
-    /// Length in these units.
-    pub length: f64,
-    /// More surface alarms in it are over the limit; `None`: no limit.
-    pub most_surface_alarms: Option<u32>,
+/// A window as it is stored.
+#[derive(sqlx::FromRow)]
+struct Row {
+    unit: String,
+    length: f64,
+    most_surface_alarms: Option<u32>,
 }
 
-/// The reference lengths of rules for crane ropes and ropeways, and one lay. Limits depend on rope and rule, so there are none.
-fn usual() -> Vec<RopeWindow> {
-    let diameters = [6.0, 30.0, 40.0, 500.0].map(|length| ("diameter", length));
-    diameters
-        .into_iter()
-        .chain([("lay", 1.0)])
-        .map(|(unit, length)| RopeWindow { unit: unit.to_owned(), length, most_surface_alarms: None })
-        .collect()
+impl TryFrom<Row> for RopeWindow {
+    type Error = StoreError;
+
+    fn try_from(row: Row) -> Result<Self, StoreError> {
+        let unit = WindowUnit::ALL.into_iter().find(|unit| unit.name() == row.unit);
+        let unit = unit.ok_or_else(|| StoreError::Inconsistent {
+            table: "rope_window",
+            column: "unit",
+            row: row.length.to_string(),
+            value: row.unit.clone(),
+        })?;
+        Ok(Self { unit, length: row.length, most_surface_alarms: row.most_surface_alarms })
+    }
 }
 
 impl Store {
     /// The windows of a rope, shortest first of each unit.
     pub async fn rope_windows(&self, rope: Id) -> Result<Vec<RopeWindow>, StoreError> {
-        let set: Vec<RopeWindow> = sqlx::query_as(
+        let set: Vec<Row> = sqlx::query_as(
             "select unit, length, most_surface_alarms from rope_window where rope_id = $1 order by unit, length",
         )
         .bind(rope)
         .fetch_all(self.reader())
         .await?;
-        Ok(if set.is_empty() { usual() } else { set })
+        if set.is_empty() {
+            return Ok(usual());
+        }
+        set.into_iter().map(RopeWindow::try_from).collect()
     }
 
     /// Sets the windows of a rope, which must exist; none: the usual ones again.
@@ -42,7 +48,7 @@ impl Store {
         for window in windows {
             sqlx::query("insert into rope_window (rope_id, unit, length, most_surface_alarms) values ($1, $2, $3, $4)")
                 .bind(rope)
-                .bind(&window.unit)
+                .bind(window.unit.name())
                 .bind(window.length)
                 .bind(window.most_surface_alarms)
                 .execute(&mut *tx)

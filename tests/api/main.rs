@@ -5,6 +5,7 @@
 mod access;
 mod acquisitions;
 mod app;
+mod applied_thresholds;
 mod archives;
 mod card;
 mod contract;

@@ -1,8 +1,10 @@
 //! Thresholds apart from scores: tried on past inspections, set with who and why, and used from then on.
 
 use crate::app::{TestApp, new_id};
-use crate::toy_engine::TRAINED_THRESHOLD;
+use crate::toy_engine::{TRAINED_THRESHOLD, toy_budget};
+use ropescope::pipeline::Budget;
 use serde_json::{Value, json};
+use std::sync::atomic::Ordering;
 
 /// Metres as JSON carries them, to the micrometre.
 fn um(metres: &Value) -> i64 {
@@ -58,6 +60,51 @@ async fn another_threshold_is_tried_on_past_inspections_without_a_job() {
     app.admin.post(&path, json!({})).await.problem(400, "malformed-body");
     let unknown = format!("models/{}/threshold-preview", new_id());
     app.admin.post(&unknown, json!({ "line_score": 5 })).await.problem(404, "not-found");
+}
+
+#[tokio::test]
+async fn a_budget_of_false_defects_finds_its_threshold_by_the_tail_of_intact_rope_and_says_how_sure_that_is() {
+    let app = TestApp::start().await;
+    let (_, model, _) = app.admin.inspected().await;
+    let path = format!("models/{model}/threshold-preview");
+    let near = |value: &Value, truth: f64| (value.as_f64().unwrap() / truth - 1.0).abs() < 1e-6;
+    let trained = toy_budget(Budget::default());
+    for (wish, places) in [(2.0, 1), (100.0, 1)] {
+        let level = trained.at(wish).unwrap();
+        let tried = app.admin.post(&path, json!({ "false_defects_per_100m": wish })).await.ok(200);
+        assert!(near(&tried["line_score"], level.line_score), "{tried}");
+        let costs = &tried["on_intact_rope"];
+        assert_eq!(costs["false_defects_per_100m"], json!(wish));
+        assert!(near(&costs["at_least_per_100m"], level.at_least_per_100m), "{costs}");
+        assert!(near(&costs["at_most_per_100m"], level.at_most_per_100m), "{costs}");
+        assert_eq!(tried["inspections"][0]["after"]["defects"], json!(places));
+        let back = app.admin.post(&path, json!({ "line_score": tried["line_score"] })).await.ok(200);
+        assert!(near(&back["on_intact_rope"]["at_most_per_100m"], level.at_most_per_100m), "{back}");
+    }
+    let two = trained.at(2.0).unwrap();
+    assert!(two.at_least_per_100m < 1.0 && two.at_most_per_100m > 4.0, "40 peaks tell little: {two:?}");
+    let lowest = app.admin.post(&path, json!({ "line_score": 2 })).await.ok(200);
+    assert_eq!(lowest["on_intact_rope"], Value::Null, "under the tail there is no law");
+    for wrong in [0.05, 101.0] {
+        let problem =
+            app.admin.post(&path, json!({ "false_defects_per_100m": wrong })).await.problem(422, "out-of-range");
+        assert_eq!(problem["limit"], json!({ "min": 0.1, "max": 100.0 }));
+    }
+    let both = json!({ "false_defects_per_100m": 2, "line_score": 5 });
+    app.admin.post(&path, both).await.problem(400, "malformed-body");
+}
+
+#[tokio::test]
+async fn a_model_of_an_earlier_version_says_that_it_knows_no_threshold_for_false_defects() {
+    let app = TestApp::start().await;
+    app.engine.earlier.store(true, Ordering::SeqCst);
+    let (_, model, _) = app.admin.inspected().await;
+    let path = format!("models/{model}/threshold-preview");
+    let problem =
+        app.admin.post(&path, json!({ "false_defects_per_100m": 2 })).await.problem(422, "model-without-tail");
+    assert!(problem["detail"].as_str().unwrap().contains("train anew, or give line_score"), "{problem}");
+    let tried = app.admin.post(&path, json!({ "line_score": 7 })).await.ok(200);
+    assert_eq!((&tried["on_intact_rope"], &tried["line_score"]), (&Value::Null, &json!(7.0)));
 }
 
 #[tokio::test]
