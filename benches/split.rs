@@ -16,7 +16,7 @@ use ropescope::pipeline::model_file::Model;
 use ropescope::pipeline::progress::Quiet;
 use ropescope::pipeline::stretches::{STRETCH_LINES, StretchReader};
 use ropescope::pipeline::tables::LineValues;
-use ropescope::pipeline::{Acquisition, Budget, InspectOptions, TrainingRange, inspect, train};
+use ropescope::pipeline::{Acquisition, TrainOptions, InspectOptions, TrainingRange, inspect, train};
 use ropescope::simulate::{Recipe, Scene, write_acquisition};
 use ropescope::vision::aligner::{AlignedStretch, Aligner, AlignerSpec, Stretch};
 use ropescope::vision::camera::Camera;
@@ -48,7 +48,7 @@ fn main() -> anyhow::Result<()> {
         from_m: None,
         to_m: Some(acquisition.start_m + metres / 2.0),
     };
-    train(&[range], Budget::default(), &model_path, &Quiet)?;
+    train(&[range], TrainOptions::default(), &model_path, &Quiet)?;
     let model = Model::read(&model_path)?;
 
     println!("{} cores, {metres:.2} m\n", std::thread::available_parallelism().map_or(1, usize::from));

@@ -2,8 +2,9 @@
 
 use super::folds::{FOLDS, fold_of, sum, without};
 use crate::vision::appearance::Appearance;
+use crate::vision::bandwidths::Bandwidths;
 use crate::vision::factor::FACTORS;
-use crate::vision::histogram::{Histogram, SIGMA_BINS};
+use crate::vision::histogram::Histogram;
 use crate::vision::inspection_model::{AlignedView, ViewAppearance};
 use crate::vision::usual::Moments;
 
@@ -28,10 +29,10 @@ pub(super) struct LearntView {
 
 impl LearningView {
     /// Learns the gray values of the folds.
-    pub fn new(gray: [Histogram; FOLDS]) -> Self {
+    pub fn new(gray: [Histogram; FOLDS], bandwidths: Bandwidths) -> Self {
         Self {
-            gray: Appearance::learn(&sum(gray.iter()), SIGMA_BINS),
-            gray_by_others: std::array::from_fn(|fold| Appearance::learn(&without(&gray, fold), SIGMA_BINS)),
+            gray: Appearance::learn(&sum(gray.iter()), bandwidths),
+            gray_by_others: std::array::from_fn(|fold| Appearance::learn(&without(&gray, fold), bandwidths)),
             factors: Default::default(),
         }
     }

@@ -1,6 +1,7 @@
 //! Drives `vision` over an acquisition, wherever its frames come from.
 
 pub mod acquisition;
+pub mod bandwidths;
 mod behind;
 pub mod budget;
 pub mod closeup;
@@ -34,12 +35,13 @@ pub mod training_range;
 pub mod windows;
 
 pub use acquisition::{Acquisition, AcquisitionError, RopeFile};
+pub use bandwidths::BandwidthsBy;
 pub use budget::Budget;
 pub use found::Found;
 pub use inspect::{InspectOptions, inspect};
 pub use progress::{Progress, ProgressReport};
 pub use source::{FrameFiles, FrameSource, SourceError};
-pub use train::{TrainReport, train};
+pub use train::{TrainOptions, TrainReport, train};
 pub use training_range::TrainingRange;
 
 use std::path::PathBuf;

@@ -1,5 +1,6 @@
 //! Learns an appearance model from intact rope.
 
+use super::bandwidths::{BandwidthsBy, BandwidthsFit};
 use super::budget::{Budget, BudgetFit};
 use super::fit::{IntactRope, IntactScores};
 use super::folds::fold_of;
@@ -50,6 +51,9 @@ pub struct TrainReport {
     /// Scores of held-back rope, one entry a view: what those of an inspection are compared with. Empty in models of earlier versions.
     #[serde(default)]
     pub intact: Vec<Option<IntactScores>>,
+    /// Bandwidths of the gray density; `None` in models of earlier versions.
+    #[serde(default)]
+    pub bandwidths: Option<BandwidthsFit>,
     /// What the model would have known with less rope. Empty in models of earlier versions.
     #[serde(default)]
     pub learning_curve: Vec<LearningPoint>,
@@ -80,15 +84,24 @@ const MOST_EVIDENCE_BYTES: usize = 350_000_000;
 /// Fewest stretches that are kept, if there are as many.
 const LEAST_KEPT: usize = 6;
 
+/// What can be chosen in a training.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct TrainOptions {
+    /// What false alarms may cost.
+    pub budget: Budget,
+    /// Who chooses the bandwidths of the gray density.
+    pub bandwidths: BandwidthsBy,
+}
+
 /// Trains on intact rope of one acquisition or of several, pooled, and writes the model to `model_path`, whole or not at all.
 pub fn train(
     ranges: &[TrainingRange<'_>],
-    budget: Budget,
+    options: TrainOptions,
     model_path: &Path,
     progress: &dyn Progress,
 ) -> Result<TrainReport, PipelineError> {
     let started = std::time::Instant::now();
-    let per_100m = budget.false_defects().map_err(PipelineError::Budget)?;
+    let per_100m = options.budget.false_defects().map_err(PipelineError::Budget)?;
     let too_little = |aligned_m, needed_m| PipelineError::TooLittleRope { aligned_m, needed_m };
     let acquisition = ranges.first().ok_or_else(|| too_little(0.0, LEAST_M))?.acquisition;
     training_range::check(ranges)?;
@@ -107,10 +120,12 @@ pub fn train(
     if aligned_m < LEAST_M {
         return Err(too_little(aligned_m, LEAST_M));
     }
-    let learning_curve = curve(&gray);
+    let bandwidths = BandwidthsFit::of(options.bandwidths, &gray);
+    let learning_curve = curve(&gray, bandwidths.bandwidths());
 
     // Second pass: the further factors, relative to the gray that is expected by what the other folds taught.
-    let mut learning: Vec<LearningView> = gray.into_par_iter().map(|gray| LearningView::new(gray.folds)).collect();
+    let learning = gray.into_par_iter().map(|gray| LearningView::new(gray.folds, bandwidths.bandwidths()));
+    let mut learning: Vec<LearningView> = learning.collect();
     pass(PASSES[1]).each_view(&mut learning, |_| true, |number, aligned, view| view.take(number, &aligned))?;
     let learnt: Vec<LearntView> = learning.into_par_iter().map(LearningView::learnt).collect();
 
@@ -136,7 +151,7 @@ pub fn train(
     scored.iter_mut().flatten().flatten().for_each(|scores| lasting.raise(scores, block_mm));
     let mut intact = IntactRope::default();
     scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
-    let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
+    let budget = BudgetFit::of(options.budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
     let mut notes = Vec::new();
     let mut learnt_from = Vec::new();
     if used.len() > 1 {
@@ -165,6 +180,7 @@ pub fn train(
         threshold_origin: budget.origin(),
         budget: Some(budget),
         intact: intact.scores(),
+        bandwidths: Some(bandwidths),
         learning_curve,
         seconds: started.elapsed().as_secs_f64(),
         notes,
@@ -202,6 +218,7 @@ mod tests {
             threshold_origin: budget.origin(),
             budget: Some(budget),
             intact: Vec::new(),
+            bandwidths: None,
             learning_curve: Vec::new(),
             seconds: 1.0,
             notes: Vec::new(),

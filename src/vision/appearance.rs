@@ -1,5 +1,6 @@
 //! How intact rope looks at every point of its geometry, in one view. [Wacker13, sec. 4.2 and 5, eq. 18, 20-22]
 
+use super::bandwidths::Bandwidths;
 use super::histogram::{
     CELLS, DISTANCE_BINS, GRAY_BINS, Histogram, REGIONS, STRAND_BINS, Theta, WIRE_BINS, cell, region,
 };
@@ -93,9 +94,9 @@ pub struct Appearance {
 }
 
 impl Appearance {
-    /// Learns from the counts of intact rope, with a window of these standard deviations.
-    pub fn learn(histogram: &Histogram, sigma_bins: [f32; 4]) -> Self {
-        let joint = histogram.smoothed(sigma_bins);
+    /// Learns from the counts of intact rope.
+    pub fn learn(histogram: &Histogram, bandwidths: Bandwidths) -> Self {
+        let joint = histogram.smoothed(bandwidths);
         let mut likelihood = vec![0.0f32; CELLS * GRAY_BINS];
         for cell in 0..CELLS {
             let counts = joint.of_cell(cell);
@@ -237,7 +238,6 @@ fn expected(likelihood: &[f32], histogram: &Histogram) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::histogram::SIGMA_BINS;
 
     #[test]
     fn what_was_often_seen_is_likely_and_what_never_was_is_anomalous() {
@@ -251,7 +251,7 @@ mod tests {
                 }
             }
         }
-        let appearance = Appearance::learn(&histogram, SIGMA_BINS);
+        let appearance = Appearance::learn(&histogram, Bandwidths::FIXED);
         let at = cell(12, 12, 4);
         assert!(appearance.scores(at)[16] < 0.5);
         assert!(appearance.scores(at)[30] > 3.0);
@@ -271,7 +271,7 @@ mod tests {
                 }
             }
         }
-        let appearance = Appearance::learn(&histogram, SIGMA_BINS);
+        let appearance = Appearance::learn(&histogram, Bandwidths::FIXED);
         let expected = |distance: f32| {
             let at = Theta { strand: 12.5, wire: 12.3, distance };
             appearance.expected_at(at, cell(12, 12, distance as usize))

@@ -119,12 +119,12 @@ impl ViewAppearance {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::histogram::SIGMA_BINS;
+    use crate::vision::bandwidths::Bandwidths;
 
     #[test]
     fn the_gray_value_counts_only_where_no_further_factor_is_calibrated() {
         let judged = |calibration: Vec<Vec<Option<FilterCalibration>>>| {
-            let gray = Appearance::learn(&Histogram::default(), SIGMA_BINS);
+            let gray = Appearance::learn(&Histogram::default(), Bandwidths::FIXED);
             ViewAppearance { gray, further: Vec::new(), calibration }.judged()
         };
         assert_eq!(judged(Vec::new()), Judged::Gray);

@@ -8,7 +8,7 @@ use super::judged::Judged;
 use super::plan::Plan;
 use crate::pipeline::model_file::Model;
 use crate::pipeline::train::PASSES;
-use crate::pipeline::{Acquisition, Budget, InspectOptions, TrainingRange, inspect, train};
+use crate::pipeline::{Acquisition, InspectOptions, TrainOptions, TrainingRange, inspect, train};
 use crate::simulate::{Recipe, Scene, write};
 use std::path::Path;
 use tempfile::TempDir;
@@ -47,7 +47,7 @@ impl Trained {
         let source = &SceneFrames(&scene);
         let to_m = Some(plan.train_m);
         let range = TrainingRange { name: "the rope", acquisition: &acquisition, source, from_m: None, to_m };
-        train(&[range], Budget::default(), &path, &run)?;
+        train(&[range], TrainOptions::default(), &path, &run)?;
         drop(run);
         let skip_lines = plan.skip_lines(recipe.line_pitch_mm);
         Ok(Self { model: Model::read(&path)?, scene, acquisition, skip_lines, folder })
