@@ -16,7 +16,7 @@ use ropescope::pipeline::model_file::Model;
 use ropescope::pipeline::progress::Quiet;
 use ropescope::pipeline::stretches::{STRETCH_LINES, StretchReader};
 use ropescope::pipeline::tables::LineValues;
-use ropescope::pipeline::{Acquisition, TrainOptions, InspectOptions, TrainingRange, inspect, train};
+use ropescope::pipeline::{Acquisition, InspectOptions, TrainOptions, TrainingRange, inspect, train};
 use ropescope::simulate::{Recipe, Scene, write_acquisition};
 use ropescope::vision::aligner::{AlignedStretch, Aligner, AlignerSpec, Stretch};
 use ropescope::vision::camera::Camera;

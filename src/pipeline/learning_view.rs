@@ -1,7 +1,7 @@
 //! The appearance of one view while it is learnt, by folds of stretches.
 
 use super::folds::{FOLDS, fold_of, sum, without};
-use crate::vision::appearance::Appearance;
+use crate::vision::appearance::{Appearance, GrayScore};
 use crate::vision::bandwidths::Bandwidths;
 use crate::vision::factor::FACTORS;
 use crate::vision::histogram::Histogram;
@@ -29,10 +29,11 @@ pub(super) struct LearntView {
 
 impl LearningView {
     /// Learns the gray values of the folds.
-    pub fn new(gray: [Histogram; FOLDS], bandwidths: Bandwidths) -> Self {
+    pub fn new(gray: [Histogram; FOLDS], bandwidths: Bandwidths, gray_score: GrayScore) -> Self {
+        let learn = |histogram: &Histogram| Appearance::learn_scoring(histogram, bandwidths, gray_score);
         Self {
-            gray: Appearance::learn(&sum(gray.iter()), bandwidths),
-            gray_by_others: std::array::from_fn(|fold| Appearance::learn(&without(&gray, fold), bandwidths)),
+            gray: learn(&sum(gray.iter())),
+            gray_by_others: std::array::from_fn(|fold| learn(&without(&gray, fold))),
             factors: Default::default(),
         }
     }

@@ -18,7 +18,7 @@ const LEAST_GRAY_BINS: usize = 8;
 const FARTHEST: f32 = 4.0;
 
 impl Bandwidths {
-    /// The same for all ropes: chosen once, by held-out likelihood on simulated ropes; gray is the widest, as in the paper.
+    /// One choice for all ropes, by hand as in the paper, with gray the widest.
     pub const FIXED: Self = Self { sigma_bins: [1.2, 1.0, 0.8, 0.5], gray_bins: GRAY_BINS };
 
     /// Number of coordinates that [`Self::stepped`] changes.

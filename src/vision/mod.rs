@@ -90,6 +90,7 @@
 //! - [`scoring`]: sums made comparable, and what all factors say of a place
 //! - [`stretch_scores`]: the scores of a stretch, and views joined
 //! - [`lasting`]: what is rare because it lasts
+//! - [`judging`]: all of that, or parts of it, down to the paper's [`mean_filter`]
 //! - [`tail`]: where an alarm begins
 //! - [`defects`]: alarms of one cause, merged
 
@@ -127,11 +128,13 @@ mod grain;
 pub mod histogram;
 pub mod image;
 pub mod inspection_model;
+pub mod judging;
 pub mod kept_evidence;
 pub mod kind;
 pub mod lasting;
 mod lock;
 mod looseness;
+pub mod mean_filter;
 mod measured;
 mod measuring;
 pub mod model_contour;
