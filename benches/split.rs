@@ -16,12 +16,13 @@ use ropescope::pipeline::model_file::Model;
 use ropescope::pipeline::progress::Quiet;
 use ropescope::pipeline::stretches::{STRETCH_LINES, StretchReader};
 use ropescope::pipeline::tables::LineValues;
-use ropescope::pipeline::{Acquisition, Budget, InspectOptions, TrainingRange, inspect, train};
+use ropescope::pipeline::{Acquisition, InspectOptions, TrainOptions, TrainingRange, inspect, train};
 use ropescope::simulate::{Recipe, Scene, write_acquisition};
 use ropescope::vision::aligner::{AlignedStretch, Aligner, AlignerSpec, Stretch};
 use ropescope::vision::camera::Camera;
 use ropescope::vision::evidence::block_lines;
 use ropescope::vision::inspection_model::{AlignedView, Seen, ViewAppearance};
+use ropescope::vision::judging::Judging;
 use ropescope::vision::stretch_scores::{StretchScores, join_views};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -48,7 +49,7 @@ fn main() -> anyhow::Result<()> {
         from_m: None,
         to_m: Some(acquisition.start_m + metres / 2.0),
     };
-    train(&[range], Budget::default(), &model_path, &Quiet)?;
+    train(&[range], TrainOptions::default(), &model_path, &Quiet)?;
     let model = Model::read(&model_path)?;
 
     println!("{} cores, {metres:.2} m\n", std::thread::available_parallelism().map_or(1, usize::from));
@@ -143,7 +144,9 @@ fn scores(
     let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
     let of_stretch = |views: Vec<Option<Seen>>| {
         let strands = acquisition.rope.strands();
-        let of_view = |(seen, model): (Option<Seen>, &ViewAppearance)| Some(model.score(&seen?, strands, pitch_mm));
+        let of_view = |(seen, model): (Option<Seen>, &ViewAppearance)| {
+            Some(Judging::WHOLE.score(model, &seen?, strands, pitch_mm))
+        };
         let mut scored: Vec<Option<StretchScores>> = views.into_par_iter().zip(&model.views).map(of_view).collect();
         join_views(&mut scored, acquisition.rope.strands());
         for scores in scored.iter_mut().flatten() {

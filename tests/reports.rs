@@ -73,7 +73,10 @@ fn the_report_about_defects_is_whole_and_finds_more_than_chance() {
         let auc = cell(&page, view, 1);
         assert!((0.75..=1.0).contains(&auc), "view {view}: {auc}"); // 0.5 is chance
     }
-    assert!(page.contains("| gray value, one filter |") && page.contains("| missing wire |"), "{page}");
+    assert!(
+        page.contains("| the paper's |") && page.contains("| scores that last |") && page.contains("| missing wire |"),
+        "{page}"
+    );
     assert!(page.contains("to look at again with 5 cm of context"), "{page}");
 }
 

@@ -8,7 +8,7 @@ use clap::Args;
 use clap::error::ErrorKind;
 use ropescope::pipeline::learning_curve::sentence;
 use ropescope::pipeline::train::{PASSES, is_model};
-use ropescope::pipeline::{Budget, TrainReport, train};
+use ropescope::pipeline::{BandwidthsBy, Budget, TrainOptions, TrainReport, train};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -51,6 +51,9 @@ pub(crate) struct TrainArgs {
     to_m: Vec<Bound>,
     #[command(flatten)]
     budget: BudgetArgs,
+    /// How smoothly gray values are learnt: chosen by how well rope that did not teach is predicted, or the same for all ropes
+    #[arg(long, value_enum, value_name = "BY", default_value = "held-out")]
+    bandwidths: BandwidthsArg,
     /// One JSON object on standard output, progress as JSON lines on standard error
     #[arg(long)]
     json: bool,
@@ -65,6 +68,21 @@ struct BudgetArgs {
     /// The same in metres to look at in vain, a false defect with its 5 cm of context being 6 cm
     #[arg(long, value_name = "M")]
     reinspect_m_per_100m: Option<f64>,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum BandwidthsArg {
+    HeldOut,
+    Fixed,
+}
+
+impl From<BandwidthsArg> for BandwidthsBy {
+    fn from(by: BandwidthsArg) -> Self {
+        match by {
+            BandwidthsArg::HeldOut => Self::HeldOut,
+            BandwidthsArg::Fixed => Self::Fixed,
+        }
+    }
 }
 
 impl BudgetArgs {
@@ -82,7 +100,7 @@ impl BudgetArgs {
 /// Runs the command.
 pub(crate) fn run(args: TrainArgs) -> anyhow::Result<()> {
     check_counts(&args);
-    let budget = args.budget.budget()?;
+    let options = TrainOptions { budget: args.budget.budget()?, bandwidths: args.bandwidths.into() };
     check_out(&args)?;
     let folders = TrainFolder::open_all(&args.folders, &args.from_m, &args.to_m)?;
     let watcher = Watcher::start(args.json, &PASSES)?;
@@ -90,7 +108,7 @@ pub(crate) fn run(args: TrainArgs) -> anyhow::Result<()> {
         folders.iter().for_each(|folder| say(&format!("{}: {}", folder.name, folder.recording.describe())));
     }
     let ranges: Vec<_> = folders.iter().map(TrainFolder::range).collect();
-    let trained = train(&ranges, budget, &args.out, &watcher);
+    let trained = train(&ranges, options, &args.out, &watcher);
     watcher.done();
     let report = trained?;
     let bytes = std::fs::metadata(&args.out).with_context(|| args.out.display().to_string())?.len();
@@ -154,6 +172,9 @@ fn summary(args: &TrainArgs, report: &TrainReport, views: usize, bytes: u64) -> 
             fit.look_again.at_least_per_100m,
             fit.look_again.at_most_per_100m,
         );
+    }
+    if let Some(fit) = &report.bandwidths {
+        text += &format!("bandwidths  {}\n", fit.sentence());
     }
     if let Some(sentence) = sentence(&report.learning_curve) {
         let points: Vec<String> =

@@ -11,6 +11,7 @@ pub mod intervals; // whether standard deviations keep their word
 pub mod kinds; // what defects were taken for
 pub mod labels; // which lines of which view show a defect
 pub mod lay_lengths;
+pub mod line_scores; // of every view
 pub mod recall; // every single defect
 pub mod report; // everything together, as JSON and for people
 pub mod roc; // line scores against labels

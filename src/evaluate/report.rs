@@ -5,6 +5,7 @@ use super::displacement::{self, DisplacementErrors};
 use super::intervals::{self, Interval};
 use super::labels::{classify, read_sightings};
 use super::lay_lengths::{self, ErrorStatistics, LayLengthErrors, StretchErrors};
+use super::line_scores::read_scores;
 use super::roc::{self, Roc};
 use super::table::EvaluateError;
 use super::truth::{RecordingFile, Truth};
@@ -59,7 +60,7 @@ pub fn evaluate(recording: &Path, results: &Path, skip_lines: usize) -> Result<E
     {
         let views = rope.views.len();
         let sightings = read_sightings(recording, lines, views)?;
-        if let Some(scores) = roc::read_scores(results, lines, views)? {
+        if let Some(scores) = read_scores(results, lines, views)? {
             let classes = classify(&sightings, lines, views, skip_lines);
             detection.roc = Some(roc::score(&scores, &sightings, &classes, skip_lines));
         }

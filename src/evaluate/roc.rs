@@ -2,10 +2,8 @@
 
 use super::labels::{LineClass, Sighting};
 use super::lay_lengths::percentile;
-use super::table::{EvaluateError, Table};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// False-positive rates at which detection is stated; 1.5 % is the paper's.
 const RATES: [f64; 4] = [0.001, 0.005, 0.015, 0.05];
@@ -86,20 +84,6 @@ pub struct Roc {
     /// All views, if there are clear labels and intact lines.
     #[serde(flatten)]
     pub overall: Option<OverallRoc>,
-}
-
-/// Reads `RESULTS/line_scores.csv`: per view a score per line, NaN where there is none. `None` without the file.
-pub fn read_scores(results: &Path, lines: usize, views: usize) -> Result<Option<Vec<Vec<f64>>>, EvaluateError> {
-    let Some(mut table) = Table::open(&results.join("line_scores.csv"))? else { return Ok(None) };
-    let (view, line, score) = (table.column("view")?, table.column("line")?, table.column("score")?);
-    let mut scores = vec![vec![f64::NAN; lines]; views];
-    while table.next_row()? {
-        let (view, line) = (table.index(view)?, table.index(line)?);
-        if let Some(place) = scores.get_mut(view).and_then(|s| s.get_mut(line)) {
-            *place = table.number(score).unwrap_or(f64::NAN);
-        }
-    }
-    Ok(Some(scores))
 }
 
 /// Scores of one class, ascending.

@@ -2,6 +2,7 @@
 
 use super::Problem;
 use super::acquisitions;
+use super::bandwidths::BandwidthsBy;
 use super::budgets::Budget;
 use super::completion::incomplete;
 use super::extract::{Json, Path, Query};
@@ -11,6 +12,7 @@ use super::pages::{PageQuery, page_of};
 use super::problem::{ReadProblems, WriteProblems};
 use super::ropeways::{check_text, choose_id};
 use crate::app::App;
+use crate::pipeline::TrainOptions;
 use crate::store::Id;
 use crate::store::enqueue::{Enqueued, FurtherRange, NewJob as Row, Task};
 use crate::store::jobs::{self, Cancellation};
@@ -38,6 +40,8 @@ pub enum NewJob {
         to_m: Option<f64>,
         /// What false alarms may cost, else 2 false defects per 100 m; the thresholds follow from it.
         budget: Option<Budget>,
+        /// How smoothly gray values are learnt, else `held-out`.
+        bandwidths: Option<BandwidthsBy>,
         /// More intact rope to learn from, of other days or other places. All acquisitions must show the same rope, seen by the same
         /// camera head; what they show is learnt as one.
         #[serde(default)]
@@ -84,12 +88,24 @@ pub struct JobFilter {
 
 fn read(app: &App, body: NewJob) -> Result<Row, Problem> {
     let (id, acquisition_id, task, idempotency_key) = match body {
-        NewJob::Train { id, acquisition_id, from_m, to_m, budget, further_acquisitions, idempotency_key } => {
+        NewJob::Train {
+            id,
+            acquisition_id,
+            from_m,
+            to_m,
+            budget,
+            bandwidths,
+            further_acquisitions,
+            idempotency_key,
+        } => {
             super::lay_lengths::range_m(from_m, to_m, None)?;
-            let budget = budget.map(Budget::check).transpose()?.unwrap_or_default();
+            let options = TrainOptions {
+                budget: budget.map(Budget::check).transpose()?.unwrap_or_default(),
+                bandwidths: bandwidths.map(Into::into).unwrap_or_default(),
+            };
             let first = FurtherRange { acquisition_id: Id(acquisition_id), from_m, to_m };
             let further = further_acquisitions::read(first, &further_acquisitions)?;
-            (id, acquisition_id, Task::Train { from_m, to_m, budget, further }, idempotency_key)
+            (id, acquisition_id, Task::Train { from_m, to_m, options, further }, idempotency_key)
         }
         NewJob::Inspect { id, acquisition_id, live, model_id, threshold, idempotency_key } => {
             let task = Task::Inspect { model_id: model_id.map(Id), threshold, live };

@@ -8,6 +8,7 @@ pub mod acquisitions;
 mod archive_entries;
 pub mod arrivals;
 pub mod auth;
+pub mod bandwidths;
 pub mod buckets;
 pub mod budgets;
 pub mod completion;

@@ -1,5 +1,6 @@
 //! Appearance models: versioned per rope, with what they were trained on.
 
+use super::bandwidths::Bandwidths;
 use super::budgets::BudgetFit;
 use super::extract::{Path, Query};
 use super::frames::{Image, KnownVersion, known, repr_digest};
@@ -39,6 +40,9 @@ pub struct TrainedOn {
     /// Both thresholds with the budget that they are made for; null in models of earlier versions.
     #[schema(required)]
     budget: Option<BudgetFit>,
+    /// How smoothly gray values were learnt; null in models of earlier versions.
+    #[schema(required)]
+    bandwidths: Option<Bandwidths>,
     /// What the model would have known with less rope; empty in models of earlier versions.
     learning_curve: Vec<LearningPoint>,
     /// Whether more rope would help, as a sentence; null in models of earlier versions.
@@ -148,6 +152,7 @@ impl TryFrom<models::Model> for Model {
                 threshold: report.threshold,
                 threshold_origin: report.threshold_origin,
                 budget: report.budget.map(BudgetFit::from),
+                bandwidths: report.bandwidths.map(Bandwidths::from),
                 was_it_enough: learning_curve::sentence(&report.learning_curve),
                 learning_curve: report.learning_curve.into_iter().map(LearningPoint::from).collect(),
                 seconds: report.seconds,

@@ -13,7 +13,8 @@ use crate::vision::defects::{AlarmBuilder, Defect, merge};
 use crate::vision::evidence::{block_lines, blocks};
 use crate::vision::image::GrayImage;
 use crate::vision::inspection_model::AlignedView;
-use crate::vision::stretch_scores::{StretchScores, join_views};
+use crate::vision::judging::Judging;
+use crate::vision::stretch_scores::StretchScores;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
 
@@ -24,6 +25,7 @@ const BLACK_AT_SCORE: f32 = 8.0;
 pub(super) struct Detection<'a> {
     acquisition: &'a Acquisition,
     model: &'a Model,
+    judging: Judging,
     threshold: f64,
     builders: Vec<AlarmBuilder>,
     /// The same over the second level, and that level; none if there is no such level.
@@ -47,13 +49,19 @@ pub(super) struct Findings {
 
 impl<'a> Detection<'a> {
     /// Nothing found yet.
-    pub fn new(acquisition: &'a Acquisition, model: &'a Model, threshold: &Threshold, line_scores: LineValues) -> Self {
+    pub fn new(
+        acquisition: &'a Acquisition,
+        (model, judging): (&'a Model, Judging),
+        threshold: &Threshold,
+        line_scores: LineValues,
+    ) -> Self {
         let builders = |level: f64| -> Vec<AlarmBuilder> {
             (0..model.views.len()).map(|v| AlarmBuilder::new(v, level, acquisition.line_pitch_mm)).collect()
         };
         Self {
             acquisition,
             model,
+            judging,
             threshold: threshold.line_score,
             builders: builders(threshold.line_score),
             again: threshold.look_again_line_score.map(|level| (level, builders(level))),
@@ -87,9 +95,12 @@ impl<'a> Detection<'a> {
         };
         let mut scored: Vec<Option<StretchScores>> = (0..self.builders.len())
             .into_par_iter()
-            .map(|v| Some(model.views[v].score(&aligned(v)?.seen_by(&model.views[v]), rope.strands(), pitch_mm)))
+            .map(|v| {
+                let seen = aligned(v)?.seen_by(&model.views[v]);
+                Some(self.judging.score(&model.views[v], &seen, rope.strands(), pitch_mm))
+            })
             .collect();
-        join_views(&mut scored, rope.strands());
+        self.judging.join(&mut scored, rope.strands());
         let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
         for scores in scored.iter_mut().flatten() {
             model.lasting.raise(scores, block_mm);

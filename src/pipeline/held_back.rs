@@ -5,8 +5,9 @@
 
 use crate::vision::calibration::CalibrationSums;
 use crate::vision::inspection_model::ViewAppearance;
+use crate::vision::judging::Judging;
 use crate::vision::kept_evidence::{KeptEvidence, KeptSeen};
-use crate::vision::stretch_scores::{StretchScores, join_views};
+use crate::vision::stretch_scores::StretchScores;
 use rayon::prelude::*;
 
 /// Parts of the stretches, each of which is judged by the calibration of the others.
@@ -42,6 +43,7 @@ pub(super) fn cross_scored(
     held: &[Held],
     strands: usize,
     pitch_mm: f64,
+    judging: &Judging,
 ) -> Option<Vec<Vec<Option<StretchScores>>>> {
     // A view that missed a stretch is out of step: then only as many as all have count.
     let stretches = held.iter().map(|held| held.seen.len()).min().filter(|&n| n > 0)?;
@@ -55,7 +57,7 @@ pub(super) fn cross_scored(
                 return None;
             }
             for s in (part..stretches).step_by(parts) {
-                scores[s] = Some(view.score(&held.seen[s].unpacked(), strands, pitch_mm));
+                scores[s] = Some(judging.score(&view, &held.seen[s].unpacked(), strands, pitch_mm));
             }
         }
         Some(scores)
@@ -63,6 +65,6 @@ pub(super) fn cross_scored(
     let mut of_views: Vec<_> = views.par_iter().zip(held).map(of_view).collect::<Option<_>>()?;
     let of_stretch = |s: usize| of_views.iter_mut().map(|scores: &mut Vec<_>| scores[s].take()).collect();
     let mut scored: Vec<Vec<Option<StretchScores>>> = (0..stretches).map(of_stretch).collect();
-    scored.iter_mut().for_each(|views| join_views(views, strands));
+    scored.iter_mut().for_each(|views| judging.join(views, strands));
     Some(scored)
 }

@@ -12,6 +12,7 @@ use super::results::{LineScoreFormat, NotCovered, Summary, Threshold};
 use super::tables::{LineValues, write_error};
 use super::{Acquisition, FrameSource, PipelineError, Progress};
 use crate::vision::aligner::AlignedStretch;
+use crate::vision::judging::Judging;
 use std::path::{Path, PathBuf};
 
 /// How to inspect.
@@ -61,7 +62,8 @@ pub fn inspect(
     let threshold = model.as_ref().map(|m| m.report.decides_by(options.threshold.as_ref()));
     let mut detection = match (&model, &threshold) {
         (Some(model), Some(threshold)) => {
-            Some(Detection::new(acquisition, model, threshold, LineValues::create(results_folder, views)?))
+            let judged_by = (model, Judging::WHOLE);
+            Some(Detection::new(acquisition, judged_by, threshold, LineValues::create(results_folder, views)?))
         }
         _ => None,
     };
@@ -155,7 +157,7 @@ fn remove_old(path: &Path) -> Result<(), PipelineError> {
     }
 }
 
-fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), PipelineError> {
+pub(super) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), PipelineError> {
     let text = serde_json::to_string_pretty(value).map_err(|e| write_error(path)(e.into()))?;
     std::fs::write(path, text).map_err(write_error(path))
 }

@@ -3,7 +3,8 @@
 use super::folds::{FOLDS, fold_of, without};
 use super::train::LEAST_M;
 use crate::vision::appearance::Appearance;
-use crate::vision::histogram::{CELLS, Histogram, SIGMA_BINS};
+use crate::vision::bandwidths::Bandwidths;
+use crate::vision::histogram::{CELLS, Histogram};
 use crate::vision::inspection_model::AlignedView;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -88,8 +89,8 @@ impl GrowingGray {
 }
 
 /// The learning curve over all views: learnt from all folds but one, which judges.
-pub(super) fn curve(views: &[GrowingGray]) -> Vec<LearningPoint> {
-    let of_view: Vec<Vec<LearningPoint>> = views.par_iter().map(of_view).collect();
+pub(super) fn curve(views: &[GrowingGray], bandwidths: Bandwidths) -> Vec<LearningPoint> {
+    let of_view: Vec<Vec<LearningPoint>> = views.par_iter().map(|view| of_view(view, bandwidths)).collect();
     let points = of_view.iter().map(Vec::len).min().unwrap_or(0);
     // A view that missed stretches has fewer points: the last ones belong together.
     let mean = |number: usize| {
@@ -102,10 +103,10 @@ pub(super) fn curve(views: &[GrowingGray]) -> Vec<LearningPoint> {
     (0..points).map(mean).collect()
 }
 
-fn of_view(gray: &GrowingGray) -> Vec<LearningPoint> {
+fn of_view(gray: &GrowingGray, bandwidths: Bandwidths) -> Vec<LearningPoint> {
     let point = |metres: f64, part: &Histogram| LearningPoint {
         metres,
-        nats_per_pixel: nats_per_pixel(&Appearance::learn(part, SIGMA_BINS), &gray.folds[JUDGE]),
+        nats_per_pixel: nats_per_pixel(&Appearance::learn(part, bandwidths), &gray.folds[JUDGE]),
     };
     let parts = gray.parts.par_iter().filter(|(metres, _)| *metres < gray.learnt_m);
     let mut points: Vec<LearningPoint> = parts.map(|(metres, part)| point(*metres, part)).collect();
@@ -114,7 +115,7 @@ fn of_view(gray: &GrowingGray) -> Vec<LearningPoint> {
 }
 
 /// Mean logarithm of the likelihood of the pixels of a histogram. What a model cannot tell counts as known nothing about: 0.
-fn nats_per_pixel(appearance: &Appearance, pixels: &Histogram) -> f64 {
+pub(super) fn nats_per_pixel(appearance: &Appearance, pixels: &Histogram) -> f64 {
     let of_cell = |cell: usize| {
         let known = pixels.of_cell(cell).iter().zip(appearance.likelihood(cell)).filter(|(_, p)| **p > 0.0);
         known.map(|(&n, &p)| f64::from(n) * f64::from(p).ln()).sum::<f64>()
@@ -153,7 +154,7 @@ mod tests {
 
     #[test]
     fn held_back_rope_is_predicted_the_better_the_more_was_learnt_until_it_was_enough() {
-        let points = curve(&[gray(8, 8), gray(8, 8)]);
+        let points = curve(&[gray(8, 8), gray(8, 8)], Bandwidths::FIXED);
         assert!(
             points.windows(2).all(|p| p[0].metres < p[1].metres && p[0].nats_per_pixel <= p[1].nats_per_pixel + 1e-3)
         );
@@ -186,7 +187,7 @@ mod tests {
 
     #[test]
     fn a_view_that_missed_stretches_does_not_spoil_the_curve() {
-        let points = curve(&[gray(8, 8), gray(5, 8)]);
+        let points = curve(&[gray(8, 8), gray(5, 8)], Bandwidths::FIXED);
         assert_eq!(points.len(), 5);
     }
 }

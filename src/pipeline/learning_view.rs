@@ -1,9 +1,10 @@
 //! The appearance of one view while it is learnt, by folds of stretches.
 
 use super::folds::{FOLDS, fold_of, sum, without};
-use crate::vision::appearance::Appearance;
+use crate::vision::appearance::{Appearance, GrayScore};
+use crate::vision::bandwidths::Bandwidths;
 use crate::vision::factor::FACTORS;
-use crate::vision::histogram::{Histogram, SIGMA_BINS};
+use crate::vision::histogram::Histogram;
 use crate::vision::inspection_model::{AlignedView, ViewAppearance};
 use crate::vision::usual::Moments;
 
@@ -28,10 +29,11 @@ pub(super) struct LearntView {
 
 impl LearningView {
     /// Learns the gray values of the folds.
-    pub fn new(gray: [Histogram; FOLDS]) -> Self {
+    pub fn new(gray: [Histogram; FOLDS], bandwidths: Bandwidths, gray_score: GrayScore) -> Self {
+        let learn = |histogram: &Histogram| Appearance::learn_scoring(histogram, bandwidths, gray_score);
         Self {
-            gray: Appearance::learn(&sum(gray.iter()), SIGMA_BINS),
-            gray_by_others: std::array::from_fn(|fold| Appearance::learn(&without(&gray, fold), SIGMA_BINS)),
+            gray: learn(&sum(gray.iter())),
+            gray_by_others: std::array::from_fn(|fold| learn(&without(&gray, fold))),
             factors: Default::default(),
         }
     }

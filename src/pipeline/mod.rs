@@ -1,6 +1,7 @@
 //! Drives `vision` over an acquisition, wherever its frames come from.
 
 pub mod acquisition;
+pub mod bandwidths;
 mod behind;
 pub mod budget;
 pub mod closeup;
@@ -25,23 +26,26 @@ pub mod quality;
 mod reinspection;
 pub mod rejudge;
 pub mod results;
+pub mod side_by_side;
 mod signs;
 pub mod source;
 pub mod stretches;
 pub mod surface_alarms;
 pub mod tables;
+pub mod taught;
 mod third_answer;
 pub mod train;
 pub mod training_range;
 pub mod windows;
 
 pub use acquisition::{Acquisition, AcquisitionError, RopeFile};
+pub use bandwidths::BandwidthsBy;
 pub use budget::Budget;
 pub use found::Found;
 pub use inspect::{InspectOptions, inspect};
 pub use progress::{Progress, ProgressReport};
 pub use source::{FrameFiles, FrameSource, SourceError};
-pub use train::{TrainReport, train};
+pub use train::{TrainOptions, TrainReport, train};
 pub use training_range::TrainingRange;
 
 use std::path::PathBuf;

@@ -1,23 +1,20 @@
 //! Learns an appearance model from intact rope.
 
+use super::bandwidths::{BandwidthsBy, BandwidthsFit};
 use super::budget::{Budget, BudgetFit};
 use super::fit::{IntactRope, IntactScores};
-use super::folds::fold_of;
-use super::held_back::{Held, cross_scored};
-use super::learning_curve::{GrowingGray, LearningPoint, curve};
-use super::learning_view::{LearningView, LearntView};
+use super::held_back::cross_scored;
+use super::learning_curve::LearningPoint;
 use super::model_file::Model;
-use super::passes::{Pass, Used};
 use super::results::Threshold;
+use super::taught::Taught;
 use super::training_range::{self, LearntFrom, TrainingRange};
 use super::{PipelineError, Progress};
+use crate::vision::appearance::GrayScore;
 use crate::vision::evidence::block_lines;
-use crate::vision::factor::FACTORS;
 use crate::vision::inspection_model::ViewAppearance;
-use crate::vision::kept_evidence::KeptSeen;
+use crate::vision::judging::Judging;
 use crate::vision::lasting::Lasting;
-use crate::vision::surface_map::PLACES_PER_WIRE;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -50,6 +47,9 @@ pub struct TrainReport {
     /// Scores of held-back rope, one entry a view: what those of an inspection are compared with. Empty in models of earlier versions.
     #[serde(default)]
     pub intact: Vec<Option<IntactScores>>,
+    /// Bandwidths of the gray density; `None` in models of earlier versions.
+    #[serde(default)]
+    pub bandwidths: Option<BandwidthsFit>,
     /// What the model would have known with less rope. Empty in models of earlier versions.
     #[serde(default)]
     pub learning_curve: Vec<LearningPoint>,
@@ -75,116 +75,95 @@ impl TrainReport {
 
 /// Least rope that must be aligned, in m.
 pub(super) const LEAST_M: f64 = 0.8;
-/// Memory for the evidence of stretches that calibrate; what is made of it takes half as much again.
-const MOST_EVIDENCE_BYTES: usize = 350_000_000;
-/// Fewest stretches that are kept, if there are as many.
-const LEAST_KEPT: usize = 6;
+/// What can be chosen in a training.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct TrainOptions {
+    /// What false alarms may cost.
+    pub budget: Budget,
+    /// Who chooses the bandwidths of the gray density.
+    pub bandwidths: BandwidthsBy,
+}
 
 /// Trains on intact rope of one acquisition or of several, pooled, and writes the model to `model_path`, whole or not at all.
 pub fn train(
     ranges: &[TrainingRange<'_>],
-    budget: Budget,
+    options: TrainOptions,
     model_path: &Path,
     progress: &dyn Progress,
 ) -> Result<TrainReport, PipelineError> {
     let started = std::time::Instant::now();
-    let per_100m = budget.false_defects().map_err(PipelineError::Budget)?;
-    let too_little = |aligned_m, needed_m| PipelineError::TooLittleRope { aligned_m, needed_m };
-    let acquisition = ranges.first().ok_or_else(|| too_little(0.0, LEAST_M))?.acquisition;
-    training_range::check(ranges)?;
-    let views = acquisition.view_angles_rad.len();
-    let pitch_mm = acquisition.line_pitch_mm;
-    let used: Vec<Used<'_>> = ranges.iter().map(Used::of).collect::<Result<_, _>>()?;
-    let pass = |stage| Pass { used: &used, stage, progress };
-
-    // First pass: gray values of intact rope.
-    let stretches = used.iter().map(|used| used.lines.len().div_ceil(used.stretch_lines())).sum();
-    let mut gray = vec![GrowingGray::new(stretches); views];
-    let given_view_m =
-        pass(PASSES[0]).each_view(&mut gray, |_| true, |number, aligned, gray| gray.take(number, &aligned))?;
-    let learnt_view_m: f64 = gray.iter().map(|view| view.metres).sum();
-    let aligned_m = learnt_view_m / views as f64;
-    if aligned_m < LEAST_M {
-        return Err(too_little(aligned_m, LEAST_M));
-    }
-    let learning_curve = curve(&gray);
-
-    // Second pass: the further factors, relative to the gray that is expected by what the other folds taught.
-    let mut learning: Vec<LearningView> = gray.into_par_iter().map(|gray| LearningView::new(gray.folds)).collect();
-    pass(PASSES[1]).each_view(&mut learning, |_| true, |number, aligned, view| view.take(number, &aligned))?;
-    let learnt: Vec<LearntView> = learning.into_par_iter().map(LearningView::learnt).collect();
-
-    // Third pass: evidence of every fold by the others, for calibration and threshold.
-    let kept = kept_stretches(&used, stretches);
-    let mut seen: Vec<(&LearntView, Vec<KeptSeen>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
-    let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
-    pass(PASSES[2]).each_view(&mut seen, keeps, |number, aligned, (view, stretches)| {
-        stretches.push(aligned.seen_by(&view.by_others[fold_of(number)]).into());
-    })?;
-    let held: Vec<Held> = seen.into_iter().map(|(_, stretches)| Held::new(stretches, pitch_mm)).collect();
-    let too_little = || too_little(aligned_m, 2.0 * LEAST_M);
-    let mut learnt: Vec<ViewAppearance> = learnt.into_iter().map(|view| view.whole).collect();
-    let mut scored = cross_scored(&learnt, &held, acquisition.rope.strands(), pitch_mm).ok_or_else(too_little)?;
-    for (view, held) in learnt.iter_mut().zip(&held) {
-        if !held.calibrate(view, |_| true) {
-            return Err(too_little());
-        }
-    }
-    let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
-    let lasting = Lasting::calibrate(scored.iter().flatten().flatten(), block_mm).ok_or_else(too_little)?;
-    for scores in scored.iter_mut().flatten().flatten() {
-        lasting.raise(scores, block_mm);
-        scores.add_closer_look();
-    }
-    let mut intact = IntactRope::default();
-    scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
-    let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
-    let mut notes = Vec::new();
-    let mut learnt_from = Vec::new();
-    if used.len() > 1 {
-        learnt_from = used.iter().zip(given_view_m).map(|(used, view_m)| used.gave(view_m)).collect();
-        notes.push(training_range::sentence(&learnt_from, views));
-    }
-    if scored.len() == 1 {
-        notes.push("only one stretch could be used, so its scores are those of rope that calibrated them and the threshold is too low: train on 2 m or more".to_owned());
-    }
-    if budget.left_out > 0 {
-        let places = match budget.left_out {
-            1 => "1 place of the rope looks like a defect and was".to_owned(),
-            more => format!("{more} places of the rope look like defects and were"),
-        };
-        notes.push(format!(
-            "{places} left out of the threshold: inspect the range with this model and look at what it reports"
-        ));
-    }
-    let report = TrainReport {
-        construction: acquisition.construction(),
-        from_m: used.iter().map(|used| used.range_m().0).fold(f64::INFINITY, f64::min),
-        to_m: used.iter().map(|used| used.range_m().1).fold(f64::NEG_INFINITY, f64::max),
-        learnt_from,
-        learnt_view_m,
-        threshold: budget.alarm.line_score,
-        threshold_origin: budget.origin(),
-        budget: Some(budget),
-        intact: intact.scores(),
-        learning_curve,
-        seconds: started.elapsed().as_secs_f64(),
-        notes,
-    };
-    Model::new(acquisition, report.clone(), learnt, lasting).write(model_path)?;
-    Ok(report)
+    options.budget.false_defects().map_err(PipelineError::Budget)?; // before minutes are spent
+    let taught = Taught::by(ranges, options.bandwidths, GrayScore::Surprise, progress)?;
+    let mut model = taught.model(options.budget, &Judging::WHOLE)?;
+    model.report.seconds = started.elapsed().as_secs_f64();
+    model.write(model_path)?;
+    Ok(model.report)
 }
 
-/// How many stretches are kept for calibration and threshold: their evidence stays in memory.
-fn kept_stretches(used: &[Used<'_>], stretches: usize) -> usize {
-    let bytes = |used: &Used<'_>| {
-        let acquisition = used.range.acquisition;
-        let places = acquisition.rope.strands() * acquisition.rope.wires() * PLACES_PER_WIRE;
-        let cells = used.stretch_lines().div_ceil(block_lines(acquisition.line_pitch_mm)) * places;
-        cells * KeptSeen::bytes_per_place(FACTORS.len() + 1) * acquisition.view_angles_rad.len()
-    };
-    let most_bytes = used.iter().map(bytes).max().unwrap_or(1);
-    stretches.min((MOST_EVIDENCE_BYTES / most_bytes).max(LEAST_KEPT))
+impl Taught<'_> {
+    /// Calibrates a way to judge, and finds its thresholds for a budget. The seconds of its report are 0.
+    pub fn model(&self, budget: Budget, judging: &Judging) -> Result<Model, PipelineError> {
+        let per_100m = budget.false_defects().map_err(PipelineError::Budget)?;
+        let (acquisition, used, held) = (self.acquisition, &self.used, &self.held);
+        let pitch_mm = acquisition.line_pitch_mm;
+        let views = acquisition.view_angles_rad.len();
+        let too_little = || PipelineError::TooLittleRope { aligned_m: self.aligned_m(), needed_m: 2.0 * LEAST_M };
+        let mut learnt: Vec<ViewAppearance> = self.learnt.iter().map(|view| judging.cut(view)).collect();
+        let mut scored =
+            cross_scored(&learnt, held, acquisition.rope.strands(), pitch_mm, judging).ok_or_else(too_little)?;
+        for (view, held) in learnt.iter_mut().zip(held) {
+            if !held.calibrate(view, |_| true) {
+                return Err(too_little());
+            }
+        }
+        let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
+        let lasting = if judging.lasting {
+            Lasting::calibrate(scored.iter().flatten().flatten(), block_mm).ok_or_else(too_little)?
+        } else {
+            Lasting::NEVER
+        };
+        for scores in scored.iter_mut().flatten().flatten() {
+            lasting.raise(scores, block_mm);
+            scores.add_closer_look();
+        }
+        let mut intact = IntactRope::default();
+        scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
+        let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
+        let mut notes = Vec::new();
+        let mut learnt_from = Vec::new();
+        if used.len() > 1 {
+            learnt_from = used.iter().zip(&self.given_view_m).map(|(used, view_m)| used.gave(*view_m)).collect();
+            notes.push(training_range::sentence(&learnt_from, views));
+        }
+        if scored.len() == 1 {
+            notes.push("only one stretch could be used, so its scores are those of rope that calibrated them and the threshold is too low: train on 2 m or more".to_owned());
+        }
+        if budget.left_out > 0 {
+            let places = match budget.left_out {
+                1 => "1 place of the rope looks like a defect and was".to_owned(),
+                more => format!("{more} places of the rope look like defects and were"),
+            };
+            notes.push(format!(
+                "{places} left out of the threshold: inspect the range with this model and look at what it reports"
+            ));
+        }
+        let report = TrainReport {
+            construction: acquisition.construction(),
+            from_m: used.iter().map(|used| used.range_m().0).fold(f64::INFINITY, f64::min),
+            to_m: used.iter().map(|used| used.range_m().1).fold(f64::NEG_INFINITY, f64::max),
+            learnt_from,
+            learnt_view_m: self.learnt_view_m,
+            threshold: budget.alarm.line_score,
+            threshold_origin: budget.origin(),
+            budget: Some(budget),
+            intact: intact.scores(),
+            bandwidths: Some(self.bandwidths),
+            learning_curve: self.learning_curve.clone(),
+            seconds: 0.0,
+            notes,
+        };
+        Ok(Model::new(acquisition, report, learnt, lasting))
+    }
 }
 
 #[cfg(test)]
@@ -204,6 +183,7 @@ mod tests {
             threshold_origin: budget.origin(),
             budget: Some(budget),
             intact: Vec::new(),
+            bandwidths: None,
             learning_curve: Vec::new(),
             seconds: 1.0,
             notes: Vec::new(),

@@ -2,7 +2,7 @@
 
 use super::jobs::Job;
 use super::{Id, Store, StoreError, model_thresholds};
-use crate::pipeline::Budget;
+use crate::pipeline::TrainOptions;
 use serde::{Deserialize, Serialize};
 use sqlx::SqliteConnection;
 
@@ -26,8 +26,8 @@ pub enum Task {
         from_m: Option<f64>,
         /// `None`: to the end.
         to_m: Option<f64>,
-        /// What false alarms may cost.
-        budget: Budget,
+        /// What else was chosen for it.
+        options: TrainOptions,
         /// Rope of further acquisitions to learn from.
         further: Vec<FurtherRange>,
     },
@@ -101,8 +101,8 @@ async fn rope_and_state(
 impl Store {
     /// Queues a job.
     pub async fn enqueue(&self, new: &NewJob, now_ms: i64) -> Result<Enqueued, StoreError> {
-        let (kind, from_m, to_m, budget, model_id, threshold, live) = match new.task {
-            Task::Train { from_m, to_m, budget, .. } => ("train", from_m, to_m, Some(budget), None, None, false),
+        let (kind, from_m, to_m, options, model_id, threshold, live) = match new.task {
+            Task::Train { from_m, to_m, options, .. } => ("train", from_m, to_m, Some(options), None, None, false),
             Task::Inspect { model_id, threshold, live } => ("inspect", None, None, None, model_id, threshold, live),
         };
         let further: &[FurtherRange] = match &new.task {
@@ -126,7 +126,7 @@ impl Store {
                 && old.from_m == from_m
                 && old.to_m == to_m
                 && old.further()? == further
-                && (kind != "train" || Some(old.budget()?.unwrap_or_default()) == budget);
+                && (kind != "train" || Some(old.options()?) == options);
             return Ok(if same { Enqueued::Same(old) } else { Enqueued::Different(old) });
         }
         let Some((rope, state)) = rope_and_state(&mut tx, new.acquisition_id).await? else {
@@ -164,8 +164,8 @@ impl Store {
         };
         let job = sqlx::query_as(
             "insert into job (id, kind, rope_id, acquisition_id, model_id, threshold, threshold_version, from_m, to_m, idempotency_key,
-               live, state, run_at_ms, created_at_ms, budget, further)
-             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12, $12, $13, $14) returning *",
+               live, state, run_at_ms, created_at_ms, budget, further, bandwidths)
+             values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, 'queued', $12, $12, $13, $14, $15) returning *",
         )
         .bind(new.id)
         .bind(kind)
@@ -179,8 +179,9 @@ impl Store {
         .bind(&new.idempotency_key)
         .bind(live)
         .bind(now_ms)
-        .bind(budget.map(|b| serde_json::json!(b).to_string()))
+        .bind(options.map(|o| serde_json::json!(o.budget).to_string()))
         .bind((!further.is_empty()).then(|| serde_json::json!(further).to_string()))
+        .bind(options.map(|o| serde_json::json!(o.bandwidths).to_string()))
         .fetch_one(&mut *tx)
         .await?;
         tx.commit().await?;

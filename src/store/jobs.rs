@@ -3,15 +3,15 @@
 
 use super::enqueue::FurtherRange;
 use super::{Id, Page, PageRequest, Store, StoreError};
-use crate::pipeline::Budget;
+use crate::pipeline::TrainOptions;
 use serde::de::DeserializeOwned;
 
 /// A job.
 #[derive(Debug, Clone, PartialEq, sqlx::FromRow)]
 #[expect(
     missing_docs,
-    reason = "migrations/0003_jobs_and_tokens.sql, 0006_thresholds.sql, 0020_live.sql, 0030_previews.sql, 0031_levels.sql and \
-              0040_several_acquisitions.sql say what each column means"
+    reason = "migrations/0003_jobs_and_tokens.sql, 0006_thresholds.sql, 0020_live.sql, 0030_previews.sql, 0031_levels.sql, \
+              0040_several_acquisitions.sql and 0060_bandwidths.sql say what each column means"
 )]
 pub struct Job {
     pub seq: i64,
@@ -46,12 +46,16 @@ pub struct Job {
     pub waiting_for: Option<String>,
     pub preview: bool,
     pub further: Option<String>,
+    pub bandwidths: Option<String>,
 }
 
 impl Job {
-    /// What false alarms may cost, of a training.
-    pub fn budget(&self) -> Result<Option<Budget>, StoreError> {
-        self.read("budget", self.budget.as_deref())
+    /// What was chosen for a training; what was not, as it is chosen now.
+    pub fn options(&self) -> Result<TrainOptions, StoreError> {
+        Ok(TrainOptions {
+            budget: self.read("budget", self.budget.as_deref())?.unwrap_or_default(),
+            bandwidths: self.read("bandwidths", self.bandwidths.as_deref())?.unwrap_or_default(),
+        })
     }
 
     /// What a training learns from besides its acquisition.

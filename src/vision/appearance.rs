@@ -1,5 +1,6 @@
 //! How intact rope looks at every point of its geometry, in one view. [Wacker13, sec. 4.2 and 5, eq. 18, 20-22]
 
+use super::bandwidths::Bandwidths;
 use super::histogram::{
     CELLS, DISTANCE_BINS, GRAY_BINS, Histogram, REGIONS, STRAND_BINS, Theta, WIRE_BINS, cell, region,
 };
@@ -81,6 +82,15 @@ impl GrayScale {
     }
 }
 
+/// What the score of a gray value is. Higher is rarer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GrayScore {
+    /// Minus the likelihood, divided by the mean likelihood of its region: eq. 21-22 as they stand.
+    Likelihood,
+    /// Minus its logarithm, by mean and spread of the region: 0 on average over intact rope, 1 is one standard deviation.
+    Surprise,
+}
+
 /// What is looked up for every pixel: its normalised likelihood, as an anomaly score.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Appearance {
@@ -93,9 +103,14 @@ pub struct Appearance {
 }
 
 impl Appearance {
-    /// Learns from the counts of intact rope, with a window of these standard deviations.
-    pub fn learn(histogram: &Histogram, sigma_bins: [f32; 4]) -> Self {
-        let joint = histogram.smoothed(sigma_bins);
+    /// Learns from the counts of intact rope.
+    pub fn learn(histogram: &Histogram, bandwidths: Bandwidths) -> Self {
+        Self::learn_scoring(histogram, bandwidths, GrayScore::Surprise)
+    }
+
+    /// The same with the scores that are asked for.
+    pub fn learn_scoring(histogram: &Histogram, bandwidths: Bandwidths, gray_score: GrayScore) -> Self {
+        let joint = histogram.smoothed(bandwidths);
         let mut likelihood = vec![0.0f32; CELLS * GRAY_BINS];
         for cell in 0..CELLS {
             let counts = joint.of_cell(cell);
@@ -107,18 +122,18 @@ impl Appearance {
                 }
             }
         }
-        Self::from_likelihood(likelihood, histogram)
+        Self::from_likelihood(likelihood, histogram, gray_score)
     }
 
     /// Builds the scores from stored likelihoods and the counts they were learnt from.
-    fn from_likelihood(likelihood: Vec<f32>, histogram: &Histogram) -> Self {
+    fn from_likelihood(likelihood: Vec<f32>, histogram: &Histogram, gray_score: GrayScore) -> Self {
         let mut score = vec![f32::NAN; CELLS * GRAY_BINS];
         for of_region in 0..REGIONS {
             let cells: Vec<usize> = (0..CELLS).filter(|&cell| usize::from(region(cell)) == of_region).collect();
             // eq. 21 in logarithms: where registration is poor, the density is broad and even intact rope is unlikely. The
             // paper divides by the region's mean likelihood; the region's mean and spread of the log-likelihood do the
             // same for sums of many pixels, which is what the filter along the wire forms.
-            let (mut n, mut sum, mut squares) = (0.0f64, 0.0f64, 0.0f64);
+            let (mut n, mut sum, mut squares, mut likelihoods) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
             for &cell in &cells {
                 for (gray, &count) in histogram.of_cell(cell).iter().enumerate() {
                     let p = likelihood[cell * GRAY_BINS + gray];
@@ -127,6 +142,7 @@ impl Appearance {
                         n += f64::from(count);
                         sum += f64::from(count) * surprise;
                         squares += f64::from(count) * surprise * surprise;
+                        likelihoods += f64::from(count) * f64::from(p);
                     }
                 }
             }
@@ -139,9 +155,11 @@ impl Appearance {
                 for gray in 0..GRAY_BINS {
                     let p = likelihood[cell * GRAY_BINS + gray];
                     if p > 0.0 {
-                        // eq. 22, as an anomaly: 0 on average over intact rope, 1 is one standard deviation.
-                        let surprise = (-(p + EPSILON).ln() - mean as f32) / sd as f32;
-                        score[cell * GRAY_BINS + gray] = surprise.min(CUT);
+                        score[cell * GRAY_BINS + gray] = match gray_score {
+                            GrayScore::Likelihood => -p / (EPSILON + (likelihoods / n) as f32),
+                            // eq. 22, as an anomaly: 0 on average over intact rope, 1 is one standard deviation.
+                            GrayScore::Surprise => ((-(p + EPSILON).ln() - mean as f32) / sd as f32).min(CUT),
+                        };
                     }
                 }
             }
@@ -237,7 +255,6 @@ fn expected(likelihood: &[f32], histogram: &Histogram) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::histogram::SIGMA_BINS;
 
     #[test]
     fn what_was_often_seen_is_likely_and_what_never_was_is_anomalous() {
@@ -251,7 +268,7 @@ mod tests {
                 }
             }
         }
-        let appearance = Appearance::learn(&histogram, SIGMA_BINS);
+        let appearance = Appearance::learn(&histogram, Bandwidths::FIXED);
         let at = cell(12, 12, 4);
         assert!(appearance.scores(at)[16] < 0.5);
         assert!(appearance.scores(at)[30] > 3.0);
@@ -259,6 +276,11 @@ mod tests {
         assert!(appearance.scores(unseen)[16].is_nan());
         let total: f32 = appearance.likelihood(at).iter().sum::<f32>() / GRAY_BINS as f32;
         assert!((total - 1.0).abs() < 1e-3);
+        // eq. 21-22 as they stand: -1 on average over what was learnt from, 0 for what never was seen.
+        let literal = Appearance::learn_scoring(&histogram, Bandwidths::FIXED, GrayScore::Likelihood);
+        let mean = (0..5).map(|k| literal.scores(at)[14 + k]).sum::<f32>() / 5.0;
+        assert!((-1.3..-0.7).contains(&mean) && literal.scores(at)[30] > -0.01, "{mean}");
+        assert_eq!(literal.likelihood(at), appearance.likelihood(at));
     }
 
     #[test]
@@ -271,7 +293,7 @@ mod tests {
                 }
             }
         }
-        let appearance = Appearance::learn(&histogram, SIGMA_BINS);
+        let appearance = Appearance::learn(&histogram, Bandwidths::FIXED);
         let expected = |distance: f32| {
             let at = Theta { strand: 12.5, wire: 12.3, distance };
             appearance.expected_at(at, cell(12, 12, distance as usize))

@@ -81,7 +81,8 @@ impl ExpectedRow {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::histogram::{Histogram, SIGMA_BINS};
+    use crate::vision::bandwidths::Bandwidths;
+    use crate::vision::histogram::Histogram;
 
     #[test]
     fn a_run_is_expected_to_look_as_each_of_its_points_alone() {
@@ -95,7 +96,7 @@ mod tests {
                 }
             }
         }
-        let gray = Appearance::learn(&histogram, SIGMA_BINS);
+        let gray = Appearance::learn(&histogram, Bandwidths::FIXED);
         // Out to cells that nobody has seen, in both directions.
         for strand_at in [3.2f32, 9.4, 11.5, 13.9, 31.9] {
             let wires_at: Vec<f32> = (0..240).map(|k| k as f32 / 10.2).collect();

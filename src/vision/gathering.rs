@@ -210,15 +210,16 @@ impl<'a> Gathering<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vision::bandwidths::Bandwidths;
     use crate::vision::grain::Grain;
-    use crate::vision::histogram::{Histogram, SIGMA_BINS, cell};
+    use crate::vision::histogram::{Histogram, cell};
 
     /// Changes of a run of wire that runs along the lines, whose gray at (line, column) is told.
     fn changes(gray: impl Fn(f32, f32) -> f32) -> Changes {
         const WIDTH: usize = 60;
         let mut histogram = Histogram::default();
         (0..400).for_each(|k| histogram.add(cell(12, 12, 4), 10 + k % 12));
-        let appearance = Appearance::learn(&histogram, SIGMA_BINS);
+        let appearance = Appearance::learn(&histogram, Bandwidths::FIXED);
         let mut grain = Grain::new(0.1, WIDTH, 5);
         let mut gathering = Gathering::new(&appearance, Judged::Nothing, WIDTH, grain.lag_lines());
         let (cells, places) = ([cell(12, 12, 4) as u32; 40], [0; 40]);

@@ -1,5 +1,6 @@
 //! Joint density of gray value and surface point: a 4-D histogram, smoothed into a Parzen estimate. [Wacker13, eq. 18-19]
 
+use super::bandwidths::Bandwidths;
 use std::ops::AddAssign;
 
 /// Bins of the normalised gray value.
@@ -12,10 +13,6 @@ pub const WIRE_BINS: usize = 24;
 pub const DISTANCE_BINS: usize = 8;
 /// Number of surface cells theta = (strand phase, wire phase, distance).
 pub const CELLS: usize = STRAND_BINS * WIRE_BINS * DISTANCE_BINS;
-
-/// Standard deviations of the Gaussian window along (gray, strand phase, wire phase, distance), in bins: the diagonal of eq. 19.
-/// Chosen by held-out likelihood on simulated ropes; gray is the widest, as in the paper.
-pub const SIGMA_BINS: [f32; 4] = [1.2, 1.0, 0.8, 0.5];
 
 /// Counts n_i of eq. 18, `counts[cell * GRAY_BINS + gray]`; cells run over strand phase, wire phase, distance (fastest).
 #[derive(Debug, Clone, PartialEq)]
@@ -74,11 +71,18 @@ impl Histogram {
     }
 
     /// The Parzen estimate of eq. 18, times n: a Gaussian window is separable, so each axis is smoothed on its own.
-    /// At the ends of an axis the window is cut and renormalised.
-    pub fn smoothed(&self, sigma_bins: [f32; 4]) -> Histogram {
-        let [gray, cells @ ..] = sigma_bins;
+    /// Mass that would leave an axis stays at its end. Gray values that are not told apart share what they have.
+    pub fn smoothed(&self, bandwidths: Bandwidths) -> Histogram {
+        let [gray, cells @ ..] = bandwidths.sigma_bins;
         let counts = smooth_over_cells(&self.counts, GRAY_BINS, cells);
-        Histogram { counts: smooth_axis(&counts, GRAY_BINS, 1, gray) }
+        let mut counts = smooth_axis(&counts, GRAY_BINS, 1, gray);
+        let together = GRAY_BINS / bandwidths.gray_bins;
+        if together > 1 {
+            for same in counts.chunks_exact_mut(together) {
+                same.fill(same.iter().sum::<f32>() / together as f32);
+            }
+        }
+        Histogram { counts }
     }
 }
 
@@ -136,9 +140,13 @@ mod tests {
             histogram.add(at, 20);
         }
         histogram.add(cell(0, 0, 0), 0);
-        let smoothed = histogram.smoothed(SIGMA_BINS);
+        let smoothed = histogram.smoothed(Bandwidths::FIXED);
         assert!((smoothed.total() - 101.0).abs() < 1e-2);
         assert!(smoothed.of_cell(at)[20] > smoothed.of_cell(at)[23]);
         assert!(smoothed.of_cell(cell(11, 12, 4))[20] > 1.0);
+        let coarse = histogram.smoothed(Bandwidths { gray_bins: 8, ..Bandwidths::FIXED });
+        assert!((coarse.total() - 101.0).abs() < 1e-2);
+        let of_cell = coarse.of_cell(at);
+        assert!(of_cell[20] == of_cell[23] && of_cell[19] < of_cell[20]);
     }
 }

@@ -3,7 +3,6 @@
 use super::appearance::Appearance;
 use super::calibration::{CalibrationSums, FilterCalibration};
 use super::camera::Camera;
-use super::closer_look::look_closer;
 use super::estimates::Estimates;
 use super::evidence::{self, Evidence};
 use super::factor::{FACTORS, Factor};
@@ -112,36 +111,30 @@ impl ViewAppearance {
 
     /// Beside further factors the gray value does not count, see [`Factor::weight`]. It does before anything is calibrated, where there
     /// was too little rope to calibrate another, and in a model that is cut down to it, which is the paper's.
-    fn judged(&self) -> Judged {
+    pub(super) fn judged(&self) -> Judged {
         let further = self.calibration.iter().skip(1).any(|filters| !filters.is_empty());
         if further { Judged::Nothing } else { Judged::Gray }
     }
 
-    /// Scores what was seen of a stretch, of so many strands: what factors find first, then a closer look at that. A model that judges
-    /// the gray value alone finds everything by that.
-    pub fn score(&self, seen: &Seen, strands: usize, pitch_mm: f64) -> StretchScores {
-        let judged = self.judged();
-        let of_gray = if judged == Judged::Gray { 1.0 } else { 0.0 };
+    /// Scores the evidence of a stretch: what its factors find.
+    pub fn score(&self, evidence: &[Evidence], pitch_mm: f64) -> StretchScores {
+        let of_gray = if self.judged() == Judged::Gray { 1.0 } else { 0.0 };
         let weights = std::iter::once(of_gray).chain(FACTORS.into_iter().map(Factor::weight));
-        let factors = seen.evidence.iter().zip(&self.calibration).zip(weights);
+        let factors = evidence.iter().zip(&self.calibration).zip(weights);
         let weighed = factors.map(|((evidence, calibration), weight)| Weighed { evidence, calibration, weight });
-        let mut scores = score(&weighed.collect::<Vec<_>>(), pitch_mm);
-        if judged == Judged::Nothing {
-            look_closer(&mut scores, &seen.unrolled, &seen.evidence[1..], strands);
-        }
-        scores
+        score(&weighed.collect::<Vec<_>>(), pitch_mm)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::histogram::SIGMA_BINS;
+    use crate::vision::bandwidths::Bandwidths;
 
     #[test]
     fn the_gray_value_counts_only_where_no_further_factor_is_calibrated() {
         let judged = |calibration: Vec<Vec<Option<FilterCalibration>>>| {
-            let gray = Appearance::learn(&Histogram::default(), SIGMA_BINS);
+            let gray = Appearance::learn(&Histogram::default(), Bandwidths::FIXED);
             ViewAppearance { gray, further: Vec::new(), calibration }.judged()
         };
         assert_eq!(judged(Vec::new()), Judged::Gray);

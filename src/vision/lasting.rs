@@ -28,6 +28,9 @@ pub struct Lasting {
 }
 
 impl Lasting {
+    /// Nothing is raised.
+    pub const NEVER: Self = Self { cut: 0.0, from: f32::NEG_INFINITY, rise: 0.0 };
+
     /// Compares both on stretches of intact rope in all views. `None` if nothing of them was judged.
     pub fn calibrate<'a>(stretches: impl Iterator<Item = &'a StretchScores> + Clone, block_mm: f64) -> Option<Self> {
         let all = |of: &dyn Fn(&StretchScores) -> Vec<f32>| -> Vec<f32> {
@@ -131,6 +134,9 @@ mod tests {
         assert_eq!(with.blocks[200], 30.0);
         assert!((with.blocks[210] - without.blocks[210]).abs() < 0.5, "{} {}", with.blocks[210], without.blocks[210]);
         assert!(with.blocks[300].is_nan());
+        let mut never = stretch(scores.clone());
+        Lasting::NEVER.raise(&mut never, BLOCK_MM);
+        assert!(never.blocks.iter().zip(&scores).all(|(a, b)| a == b || b.is_nan()));
         assert!(Lasting::calibrate([stretch(vec![f32::NAN; 4])].iter(), BLOCK_MM).is_none());
     }
 }

@@ -23,7 +23,7 @@
 //! | y^ps (eq. 10) | minus the course of `axis_px`, less its mean | px |
 //! | I_r, I_m (eq. 14) | [`GrayImage`](image::GrayImage), [`synthesise`](synthesis::synthesise) | gray, 1 |
 //! | theta = (phi_s, phi_w, d') | `cell` of a [`SurfacePoint`](surface_map::SurfacePoint); d' as a share of the wire step | 1 |
-//! | p(g, theta), Sigma (eq. 18-19) | [`Histogram::smoothed`](histogram::Histogram::smoothed), `SIGMA_BINS` | 1, bins |
+//! | p(g, theta), Sigma (eq. 18-19) | [`Histogram::smoothed`](histogram::Histogram::smoothed), [`Bandwidths`](bandwidths::Bandwidths) | 1, bins |
 //! | p(g given theta) (eq. 20) | [`Appearance::likelihood`](appearance::Appearance::likelihood) | of uniform |
 //! | R_k, epsilon, normalised p (eq. 21-22) | `REGION_BINS`, `EPSILON`, [`Appearance::scores`](appearance::Appearance::scores) | 1, 1, sd |
 //!
@@ -77,7 +77,7 @@
 //!
 //! The appearance:
 //! - [`surface_map`]: theta of every pixel (eq. 16-17)
-//! - [`histogram`]: 4-D density (eq. 18-19)
+//! - [`histogram`]: 4-D density (eq. 18-19), as smooth as [`bandwidths`] say
 //! - [`appearance`]: likelihood and its normalisation (eq. 20-22)
 //! - [`usual`]: the same of what is judged beside the gray
 //! - [`render`]: the model read backwards: intact rope drawn from it (fig. 10f)
@@ -92,6 +92,7 @@
 //!   ([`unrolled`]) that a small network ([`damage`]) looks at
 //! - [`stretch_scores`]: the scores of a stretch, and views joined
 //! - [`lasting`]: what is rare because it lasts
+//! - [`judging`]: all of that, or parts of it, down to the paper's [`mean_filter`]
 //! - [`tail`]: where an alarm begins
 //! - [`defects`]: alarms of one cause, merged
 
@@ -100,6 +101,7 @@ pub mod aligner;
 mod aligner_spec;
 pub mod appearance;
 mod banded;
+pub mod bandwidths;
 mod calibrated_width;
 pub mod calibration;
 pub mod camera;
@@ -130,11 +132,13 @@ mod grain;
 pub mod histogram;
 pub mod image;
 pub mod inspection_model;
+pub mod judging;
 pub mod kept_evidence;
 pub mod kind;
 pub mod lasting;
 mod lock;
 mod looseness;
+pub mod mean_filter;
 mod measured;
 mod measuring;
 pub mod model_contour;

@@ -120,9 +120,10 @@ fn nearest_known(known: &[bool], strand: usize, wire: usize, distance: usize) ->
 mod tests {
     use super::*;
     use crate::vision::appearance::GrayScale;
+    use crate::vision::bandwidths::Bandwidths;
     use crate::vision::camera::Camera;
     use crate::vision::estimates::{Estimates, StretchEstimate};
-    use crate::vision::histogram::{Histogram, SIGMA_BINS};
+    use crate::vision::histogram::Histogram;
     use crate::vision::rope::{Rope, RopeDesign};
     use crate::vision::strand::StrandHelix;
     use crate::vision::synthesis::{Raster, gray_image, synthesise};
@@ -194,7 +195,7 @@ mod tests {
         }
         let body = (AXIS_PX - 0.7 * 168.0) as usize..(AXIS_PX + 0.7 * 168.0) as usize;
         let sum: f32 = (0..LINES).flat_map(|l| &image.line(l)[body.clone()]).map(|&g| f32::from(g)).sum();
-        (Appearance::learn(&histogram, SIGMA_BINS), sum / (LINES * body.len()) as f32)
+        (Appearance::learn(&histogram, Bandwidths::FIXED), sum / (LINES * body.len()) as f32)
     }
 
     /// Correlation, and the ratio of the standard deviations, over all pixels that show known rope.

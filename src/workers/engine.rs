@@ -2,7 +2,7 @@
 
 use crate::pipeline::results::Summary;
 use crate::pipeline::{
-    self, Acquisition, Budget, FrameSource, InspectOptions, PipelineError, Progress, TrainReport, TrainingRange,
+    self, Acquisition, FrameSource, InspectOptions, PipelineError, Progress, TrainOptions, TrainReport, TrainingRange,
 };
 use std::path::Path;
 
@@ -12,7 +12,7 @@ pub trait Engine: Send + Sync {
     fn train(
         &self,
         ranges: &[TrainingRange<'_>],
-        budget: Budget,
+        options: TrainOptions,
         model_path: &Path,
         progress: &dyn Progress,
     ) -> Result<TrainReport, PipelineError>;
@@ -36,11 +36,11 @@ impl Engine for Pipeline {
     fn train(
         &self,
         ranges: &[TrainingRange<'_>],
-        budget: Budget,
+        options: TrainOptions,
         model_path: &Path,
         progress: &dyn Progress,
     ) -> Result<TrainReport, PipelineError> {
-        pipeline::train(ranges, budget, model_path, progress)
+        pipeline::train(ranges, options, model_path, progress)
     }
 
     fn inspect(

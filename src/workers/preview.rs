@@ -6,7 +6,8 @@ use super::watch::Watch;
 use crate::pipeline::preview::{self, REDUCTION, line_of};
 use crate::pipeline::results::{LayLengthRow, LineScoreFormat};
 use crate::pipeline::{
-    Acquisition, Budget, Found, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainingRange,
+    Acquisition, Found, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainOptions,
+    TrainingRange,
 };
 use crate::store::previewed::Suspicion;
 use crate::store::previews::Preview;
@@ -81,7 +82,7 @@ impl Run<'_> {
         let unheard = Unheard(self.watch);
         let to_m = Some(acquisition.start_m + LEARNT_M);
         let range = TrainingRange { name: "the previews", acquisition, source: self.frames, from_m: None, to_m };
-        let learnt = self.engine.train(&[range], Budget::default(), &model_path, &unheard)?;
+        let learnt = self.engine.train(&[range], TrainOptions::default(), &model_path, &unheard)?;
         let options = InspectOptions {
             model_path: Some(model_path),
             line_scores: LineScoreFormat::Binary,

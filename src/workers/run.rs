@@ -214,8 +214,7 @@ fn compute(app: &App, engine: &dyn Engine, job: &Job, input: &Input, watch: &Wat
     if job.kind == "train" {
         let name = job.acquisition_id.to_string();
         let ranges = input.training_ranges(job, &name);
-        let budget = job.budget()?.unwrap_or_default();
-        let report = engine.train(&ranges, budget, &work, watch).map_err(pipeline)?;
+        let report = engine.train(&ranges, job.options()?, &work, watch).map_err(pipeline)?;
         let sha256 = digest::of_file(&work)?;
         let bytes = folder::length(&work)? as i64;
         let report = serde_json::to_string(&report).map_err(|e| NoOutput::Failed(Failure::of_results(e)))?;

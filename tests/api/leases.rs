@@ -1,7 +1,7 @@
 //! The lease protocol, on a store with a clock that only moves when told to.
 
 use ropescope::clock::{Clock, ManualClock};
-use ropescope::pipeline::Budget;
+use ropescope::pipeline::TrainOptions;
 use ropescope::pipeline::found::{Found, FoundDefects};
 use ropescope::pipeline::results::DefectRow;
 use ropescope::store::acquisitions::{NewAcquisition, NewView};
@@ -82,7 +82,7 @@ impl Queue {
     }
 
     async fn enqueue(&self) -> Id {
-        let task = Task::Train { from_m: None, to_m: None, budget: Budget::default(), further: Vec::new() };
+        let task = Task::Train { from_m: None, to_m: None, options: TrainOptions::default(), further: Vec::new() };
         let new = NewJob { id: id(), acquisition_id: self.acquisition, task, idempotency_key: None };
         let enqueued = self.store.enqueue(&new, self.clock.now_ms()).await.unwrap();
         assert!(matches!(enqueued, Enqueued::New(_)));

@@ -204,6 +204,28 @@ async fn a_training_is_told_what_false_alarms_may_cost() {
 }
 
 #[tokio::test]
+async fn a_training_is_told_who_chooses_the_bandwidths_and_the_model_says_what_they_are() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let acquisition = app.admin.complete_acquisition(&rope).await;
+    let train = |key: &str, bandwidths: Value| json!({ "kind": "train", "acquisition_id": acquisition, "idempotency_key": key, "bandwidths": bandwidths });
+    for (key, asked, by, gained) in [
+        ("a", json!("fixed"), "fixed", 0.0),
+        ("b", json!("held-out"), "held-out", 0.05),
+        ("c", json!(null), "held-out", 0.05),
+    ] {
+        let job = app.admin.run(train(key, asked)).await;
+        let model = app.admin.get(&format!("models/{}", job["result"]["model_id"].as_str().unwrap())).await.ok(200);
+        let bandwidths = &model["trained_on"]["bandwidths"];
+        assert_eq!((&bandwidths["by"], &bandwidths["gained_nats_per_pixel"]), (&json!(by), &json!(gained)));
+        assert_eq!((&bandwidths["gray_bins"], &bandwidths["wire_phase_sigma_bins"]), (&json!(32), &json!(0.8)));
+    }
+    app.admin.post("jobs", train("c", json!("held-out"))).await.ok(202);
+    app.admin.post("jobs", train("c", json!("fixed"))).await.problem(409, "idempotency-key-reused");
+    app.admin.post("jobs", train("d", json!("by eye"))).await.problem(400, "malformed-body");
+}
+
+#[tokio::test]
 async fn a_model_that_no_longer_fits_is_said_with_figures_and_counted() {
     let app = TestApp::start().await;
     assert!(app.admin.get("/metrics").await.text().contains("ropescope_ropes_with_unfit_model 0"));

@@ -1,5 +1,6 @@
 //! Stands in for vision: an engine that does as it is told.
 
+use ropescope::pipeline::bandwidths::BandwidthsFit;
 use ropescope::pipeline::budget::{self, BudgetFit};
 use ropescope::pipeline::fit::ModelFit;
 use ropescope::pipeline::found::{Found, FoundDefects};
@@ -10,8 +11,8 @@ use ropescope::pipeline::results::{
 };
 use ropescope::pipeline::training_range::LearntFrom;
 use ropescope::pipeline::{
-    Acquisition, Budget, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport, TrainReport,
-    TrainingRange,
+    Acquisition, BandwidthsBy, Budget, FrameSource, InspectOptions, PipelineError, Progress, ProgressReport,
+    TrainOptions, TrainReport, TrainingRange,
 };
 use ropescope::workers::Engine;
 use std::path::Path;
@@ -46,6 +47,11 @@ pub fn toy_budget(budget: Budget) -> BudgetFit {
         tail_from: 4.0,
         tail_peaks: (0..40).rev().map(|k| 4.0 - 0.6 * ((k as f32 + 0.5) / 40.0).ln()).collect(),
     }
+}
+
+fn toy_bandwidths(by: BandwidthsBy) -> BandwidthsFit {
+    let gained_nats_per_pixel = if by == BandwidthsBy::HeldOut { 0.05 } else { 0.0 };
+    BandwidthsFit { by, sigma_bins: [0.6, 1.0, 0.8, 0.5], gray_bins: 32, gained_nats_per_pixel }
 }
 
 /// The toy's models never fit.
@@ -89,7 +95,7 @@ impl Engine for ToyEngine {
     fn train(
         &self,
         ranges: &[TrainingRange<'_>],
-        budget: Budget,
+        options: TrainOptions,
         model_path: &Path,
         progress: &dyn Progress,
     ) -> Result<TrainReport, PipelineError> {
@@ -119,6 +125,7 @@ impl Engine for ToyEngine {
             threshold_origin: "a toy".into(),
             budget: Some(budget),
             intact: vec![],
+            bandwidths: Some(toy_bandwidths(options.bandwidths)),
             learning_curve: [0.5, 1.0]
                 .map(|metres| LearningPoint { metres, nats_per_pixel: 1.0 - 0.1 / metres })
                 .to_vec(),

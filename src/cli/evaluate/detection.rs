@@ -10,7 +10,7 @@ use std::path::PathBuf;
 ///
 /// Simulates the paper's experiment (section 6.4): trains on 5 m of intact rope, inspects 395 m with 37 defects in four views,
 /// and writes report.md with ROC curves per view and averaged, the 50 % recovery of the paper, every defect by kind and severity,
-/// metres to look at again, and simpler configurations beside ours. Frames are never written to the disk. With --recording and
+/// metres to look at again, and all configurations from the paper's to ours. Frames are never written to the disk. With --recording and
 /// --results, the report is about a recording that has labels and was inspected with a model.
 #[derive(clap::Args)]
 #[command(after_long_help = "Examples:
@@ -38,7 +38,7 @@ pub(crate) struct DetectionArgs {
     /// Number of defects [default: 37]
     #[arg(long, value_name = "N", conflicts_with = "quick")]
     defects: Option<usize>,
-    /// Leave out the simpler configurations, each of which inspects the whole rope once more
+    /// Leave out the simpler configurations, from the paper's to ours, that judge the rope beside it
     #[arg(long)]
     no_ablation: bool,
     /// A recording with labels.json, instead of a simulated rope

@@ -51,10 +51,12 @@ pub(super) fn roc(judged: &Judged) -> [Chart; 2] {
 
 /// Averaged curves of several configurations.
 pub(super) fn averages(runs: &[(&str, &Judged)]) -> Chart {
-    let curves = runs.iter().enumerate().map(|(n, (name, judged))| Mark::Curve {
+    // The last is ours; the last colour is the limit's.
+    let colours = COLOURS.len() - 1;
+    let curves = runs.iter().rev().enumerate().rev().map(|(n, (name, judged))| Mark::Curve {
         points: judged.average.clone(),
-        colour: COLOURS[(runs.len() - 1 - n) % COLOURS.len()],
-        dashed: false,
+        colour: COLOURS[n % colours],
+        dashed: n >= colours,
         label: format!("{name}, AUC {:.3}", judged.mean_auc()),
     });
     roc_chart("averaged over the views", curves.collect())

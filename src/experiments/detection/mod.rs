@@ -3,6 +3,7 @@
 mod ablation; // from the paper's configuration to ours
 mod figures; // ROC curves and what defects need, as charts
 mod judged; // everything that is known of one run
+mod ladder; // configurations from the paper's to ours
 mod plan; // how much rope
 mod rope; // the simulated rope: trained, inspected
 mod tables; // the same as tables
@@ -14,6 +15,7 @@ use super::work::Work;
 use super::{ExperimentError, Provenance};
 use crate::pipeline::Progress;
 use judged::Judged;
+use ladder::{LADDER, OURS, Rung};
 use std::path::{Path, PathBuf};
 
 /// Name of the work in progress reports.
@@ -29,10 +31,11 @@ pub fn report(
     progress: &dyn Progress,
 ) -> Result<PathBuf, ExperimentError> {
     check_folder(folder)?;
-    let work = Work::new(progress, STAGE, plan.total_m());
+    let rungs: &[Rung] = if plan.ablation { &LADDER } else { &[OURS] };
+    let work = Work::new(progress, STAGE, rope::worth_m(rungs, plan.train_m, plan.metres));
     let mut page = Page::new(folder, TITLE, made, Some(plan.seed))?;
-    let rope = rope::Trained::new(plan, &work)?;
-    let ours = rope.inspect(&rope.model, &work)?;
+    let runs = rope::TestRope::new(plan)?.judged(rungs, &work)?;
+    let ours = runs.last().expect("every rung is judged, and the last is ours");
     page.paragraph(&format!(
         "The experiment of Wacker & Denzler (section 6.4) on simulated rope: 6x9, 32 mm, lay 220 mm, {} views of {} columns, moderate dirt, oil, \
          water, drifting light. Trained on the first {} m, which are intact, tested on the other {} m with {} defects of eight kinds \
@@ -45,9 +48,9 @@ pub fn report(
         plan.defects,
         ours.defects.len()
     ));
-    sections(&mut page, &ours);
+    sections(&mut page, ours);
     if plan.ablation {
-        ablation::report(&rope, &ours, &work, &mut page)?;
+        ablation::report(&runs, &mut page);
     }
     page.finish()
 }

@@ -1,7 +1,5 @@
 //! How much rope the experiment gets.
 
-use crate::pipeline::train::PASSES;
-
 /// The amount of everything.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plan {
@@ -17,7 +15,7 @@ pub struct Plan {
     pub views: usize,
     /// Columns of a camera; the rope fills 380 of 480.
     pub sensor_px: u32,
-    /// Whether simpler configurations are tried, too: each inspects all of the rope once more.
+    /// Whether simpler configurations judge the rope, too.
     pub ablation: bool,
 }
 
@@ -30,12 +28,6 @@ impl Plan {
     /// About a minute: as little rope as a model can be trained on and defects fit on, two views of half the columns.
     pub fn quick(seed: u64) -> Self {
         Self { seed, metres: 3.6, train_m: 2.0, defects: 8, views: 2, sensor_px: 240, ablation: true }
-    }
-
-    /// Metres of rope of all runs together, a training counting three times: it reads its rope so often.
-    pub(super) fn total_m(&self) -> f64 {
-        let inspections = if self.ablation { 1 + super::ablation::VARIANTS.len() } else { 1 };
-        PASSES.len() as f64 * self.train_m + inspections as f64 * self.metres
     }
 
     /// Lines that were trained on.
