@@ -4,6 +4,7 @@ pub mod acquisition;
 mod behind;
 pub mod budget;
 pub mod closeup;
+mod coverage;
 mod detection;
 pub mod diameters;
 mod drive;

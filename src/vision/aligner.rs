@@ -13,6 +13,7 @@ use super::estimates::{Estimates, NotAligned, estimate};
 use super::fitting::fit_from;
 use super::image::GrayImage;
 use super::lock::{Lock, lock};
+use super::lost_lines::{LineWatch, Loss};
 use super::measured::{Measured, Views};
 use super::measuring::{learn_template, measure, measure_wires, read_wires};
 use super::stretch::{StrandKnots, ViewStretch};
@@ -24,8 +25,6 @@ use std::collections::VecDeque;
 pub const GATHERED: usize = 5;
 /// Contours that agree less than this (eq. 13, 1 is perfect) are not the rope's.
 pub const LEAST_SCORE: f64 = 0.45;
-/// Share of lines that must show both edges in a view.
-pub(super) const LEAST_FOUND: f64 = 0.4;
 
 /// Rope beyond the ends of a stretch whose contours its axis takes into account, in rope diameters.
 const BEYOND_DIAMETERS: f64 = 2.5;
@@ -37,7 +36,7 @@ pub struct Stretch {
     pub first_line: usize,
     /// Number of lines.
     pub lines: usize,
-    /// One image a view.
+    /// One image a view; shorter where the view ends.
     pub images: Vec<GrayImage>,
     /// Contours measured elsewhere, one per view, used instead of extraction.
     pub given_contours: Option<Vec<Contours>>,
@@ -61,6 +60,8 @@ pub struct AlignedStretch {
 pub struct Aligner {
     spec: AlignerSpec,
     views: Option<Views>,
+    /// One a view.
+    watches: Vec<LineWatch>,
     /// The last stretch that came in: its axis is found when the lines after it are there.
     waiting: Option<Measured>,
     gathered: Vec<Measured>,
@@ -83,7 +84,17 @@ impl Aligner {
     /// An aligner that has seen nothing.
     pub fn new(spec: AlignerSpec) -> Self {
         let wires = vec![None; spec.rope.strands()];
-        Self { spec, views: None, waiting: None, gathered: Vec::new(), window: VecDeque::new(), wires, lost: 0 }
+        let watches = vec![LineWatch::default(); spec.view_angles_rad.len()];
+        Self {
+            spec,
+            views: None,
+            watches,
+            waiting: None,
+            gathered: Vec::new(),
+            window: VecDeque::new(),
+            wires,
+            lost: 0,
+        }
     }
 
     /// The cameras, once they were estimated.
@@ -133,19 +144,26 @@ impl Aligner {
         out
     }
 
-    fn see(&self, stretch: Stretch) -> Measured {
+    fn see(&mut self, stretch: Stretch) -> Measured {
         let hint = self.spec.rope_width_px;
         let given = stretch.given_contours;
-        let views = stretch
-            .images
-            .into_par_iter()
+        let views = self
+            .watches
+            .par_iter_mut()
+            .zip(stretch.images)
             .enumerate()
-            .map(|(v, image)| {
+            .map(|(v, (watch, image))| {
+                let mut lost = watch.look(&image);
+                let ends = image.lines();
+                let mut image = if ends > 0 { image.with_lines(stretch.lines) } else { image };
+                lost.push(ends..image.lines(), Loss::Ended);
+                let all = lost.runs().iter().flat_map(|run| run.lines.clone());
+                all.for_each(|line| image.line_mut(line).fill(0));
                 let contours = match &given {
                     Some(given) => given[v].clone(),
-                    None => extract(&image, hint),
+                    None => extract(&image, &lost, hint),
                 };
-                ViewStretch { image, contours, ..Default::default() }
+                ViewStretch { image, lost, contours, ..Default::default() }
             })
             .collect();
         Measured {

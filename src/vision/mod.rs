@@ -45,6 +45,9 @@
 //! - [`simplex`]: downhill simplex
 //! - [`smoothing`]: smooth courses from scattered measurements, with their uncertainty
 //!
+//! What a camera did not deliver:
+//! - [`lost_lines`]: lines that show nothing, or the line before once more
+//!
 //! The strands:
 //! - [`contour`]: edges of the rope in the image; `edge_search` and `edge_tracker` find and follow them
 //! - `shadow`: whether an edge is a shadow's, from the image beside it (`edge_strip`); `shadowed_edge`: where the rope begins then
@@ -131,6 +134,7 @@ pub mod kind;
 pub mod lasting;
 mod lock;
 mod looseness;
+pub mod lost_lines;
 mod measured;
 mod measuring;
 pub mod model_contour;

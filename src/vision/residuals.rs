@@ -80,6 +80,10 @@ impl Residuals {
                 grays.iter_mut().zip(view.image.line(line)).for_each(|(gray, &pixel)| *gray = fine[usize::from(pixel)]);
                 grain.take(line, grays);
             }
+            if !view.lost.within(evidence::lines_read(&of_block, pitch_mm)).is_empty() {
+                evidence.lost[block] = true;
+                continue;
+            }
             let seen: Vec<Line<'_>> = of_block
                 .zip(&grays)
                 .step_by(if block_lines > EVERY_LINES { EVERY_LINES } else { 1 })
