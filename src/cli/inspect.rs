@@ -47,7 +47,8 @@ pub(crate) struct InspectArgs {
     /// Write results into a folder that holds other files
     #[arg(long)]
     force: bool,
-    /// Write likelihood maps as maps/view0/frame_000000.png, ...: dark is unlikely
+    /// Write likelihood maps as maps/view0/frame_000000.png, ...: dark is unlikely, black raises an alarm by
+    /// the model's own threshold, transparent was not judged
     #[arg(long, requires = "model")]
     maps: bool,
     /// Where the edges of the rope come from

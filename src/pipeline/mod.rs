@@ -16,6 +16,7 @@ pub mod inspect;
 pub mod lay_length_table;
 pub mod learning_curve;
 mod learning_view;
+mod likelihood_map;
 mod maps;
 pub mod model_file;
 mod passes;

@@ -7,6 +7,7 @@
 
 pub use super::aligner_spec::AlignerSpec;
 use super::camera::Camera;
+use super::columns::Columns;
 use super::contour::{Contours, extract};
 use super::courses::predict_wires;
 use super::estimates::{Estimates, NotAligned, estimate};
@@ -62,6 +63,10 @@ pub struct Aligner {
     views: Option<Views>,
     /// One a view.
     watches: Vec<LineWatch>,
+    /// One a view.
+    columns: Vec<Columns>,
+    /// The first stretches have taught them.
+    columns_known: bool,
     /// The last stretch that came in: its axis is found when the lines after it are there.
     waiting: Option<Measured>,
     gathered: Vec<Measured>,
@@ -84,11 +89,14 @@ impl Aligner {
     /// An aligner that has seen nothing.
     pub fn new(spec: AlignerSpec) -> Self {
         let wires = vec![None; spec.rope.strands()];
+        let columns = vec![Columns::default(); spec.view_angles_rad.len()];
         let watches = vec![LineWatch::default(); spec.view_angles_rad.len()];
         Self {
             spec,
             views: None,
             watches,
+            columns,
+            columns_known: false,
             waiting: None,
             gathered: Vec::new(),
             window: VecDeque::new(),
@@ -146,27 +154,36 @@ impl Aligner {
 
     fn see(&mut self, stretch: Stretch) -> Measured {
         let hint = self.spec.rope_width_px;
+        let (known, least_lines) = (self.columns_known, self.spec.column_lines());
         let given = stretch.given_contours;
         let views = self
             .watches
             .par_iter_mut()
+            .zip(&mut self.columns)
             .zip(stretch.images)
             .enumerate()
-            .map(|(v, (watch, image))| {
+            .map(|(v, ((watch, columns), image))| {
                 let mut lost = watch.look(&image);
                 let ends = image.lines();
                 let mut image = if ends > 0 { image.with_lines(stretch.lines) } else { image };
                 lost.push(ends..image.lines(), Loss::Ended);
+                columns.read(&image, &lost);
                 let all = lost.runs().iter().flat_map(|run| run.lines.clone());
                 all.for_each(|line| image.line_mut(line).fill(0));
+                if known {
+                    columns.learn(least_lines);
+                    columns.set_right(&mut image);
+                }
                 let contours = match &given {
                     Some(given) => given[v].clone(),
                     None => extract(&image, &lost, hint),
                 };
-                ViewStretch { image, lost, contours, ..Default::default() }
+                let blind = columns.not_judged();
+                ViewStretch { image, lost, blind, contours, ..Default::default() }
             })
             .collect();
         Measured {
+            given: given.is_some(),
             first_line: stretch.first_line,
             lines: stretch.lines,
             views,
@@ -178,8 +195,38 @@ impl Aligner {
         }
     }
 
+    /// Learns the columns from the first stretches, which are there as the sensors gave them, and sets these right.
+    fn set_first_right(&mut self) {
+        self.columns_known = true;
+        let (hint, least_lines) = (self.spec.rope_width_px, self.spec.column_lines());
+        self.columns.iter_mut().for_each(|columns| columns.learn(least_lines));
+        if !self.columns.iter().any(Columns::is_faulty) {
+            return;
+        }
+        let mut first: Vec<&mut Measured> = self.gathered.iter_mut().chain(&mut self.waiting).collect();
+        for measured in &mut first {
+            let views = measured.views.par_iter_mut().zip(&self.columns);
+            views.filter(|(view, columns)| columns.is_faulty() && view.image.lines() > 0).for_each(
+                |(view, columns)| {
+                    columns.set_right(&mut view.image);
+                    view.blind = columns.not_judged();
+                    if !measured.given {
+                        view.contours = extract(&view.image, &view.lost, hint);
+                    }
+                },
+            );
+        }
+        for k in 1..first.len() {
+            let (before, after) = first.split_at_mut(k);
+            look_beyond(&self.spec, before[k - 1], after[0]);
+        }
+    }
+
     /// Locks on the gathered stretches, measures them, and goes on tracking; without a lock they are answered as not aligned.
     fn settle_gathered(&mut self, out: &mut Vec<AlignedStretch>) {
+        if !self.columns_known {
+            self.set_first_right();
+        }
         let mut gathered = std::mem::take(&mut self.gathered);
         let locked = lock(&self.spec, self.views.take(), &mut gathered);
         match locked {

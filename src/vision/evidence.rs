@@ -119,6 +119,9 @@ pub fn learn(
             continue;
         }
         map.for_each(middle, view.axis_px[middle], |point| {
+            if view.blind.iter().any(|blind| blind.contains(&point.column)) {
+                return;
+            }
             for line in block.clone() {
                 let axis_moved_px = view.axis_px[line] - view.axis_px[middle];
                 let column = point.column_on(line as f32 - middle as f32, axis_moved_px);

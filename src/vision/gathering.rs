@@ -9,7 +9,7 @@ use super::expected_row::ExpectedRow;
 use super::grain::Compared;
 use super::histogram::GRAY_BINS;
 use super::surface_map::{Run, whole, within};
-use std::ops::AddAssign;
+use std::ops::{AddAssign, Range};
 
 /// Sums over the pixels of one place in one block. A pixel of the middle line stands for those of all lines.
 #[derive(Debug, Clone, Copy, Default)]
@@ -113,12 +113,16 @@ impl<'a> Gathering<'a> {
         }
     }
 
-    /// Adds the pixels of a run, in all lines of the block, to the places of its strand.
-    pub fn add(&mut self, run: &Run<'_>, lines: &[Line<'_>], places: &mut [Sums]) {
+    /// Adds the pixels of a run, in all lines of the block, to the places of its strand; those of `blind` columns count as not seen.
+    pub fn add(&mut self, run: &Run<'_>, blind: &[Range<usize>], lines: &[Line<'_>], places: &mut [Sums]) {
         let n = run.cells.len();
         self.row.look_up(self.gray, run);
         if self.judged == Judged::Gray {
             self.row.look_up_middles(self.gray, run);
+        }
+        for columns in blind {
+            let of_run = |column: usize| column.saturating_sub(run.from).min(n);
+            self.row.expected[of_run(columns.start)..of_run(columns.end)].fill(f32::NAN);
         }
         self.gray_sums[..n].fill(0.0);
         self.scores[..n].fill(0.0);
@@ -135,7 +139,7 @@ impl<'a> Gathering<'a> {
             run.places.iter().zip(run.cells).zip(&self.row.expected).zip(sums)
         {
             if expected.is_nan() {
-                continue; // nobody has seen such a place
+                continue; // nobody has seen such a place, or nobody sees it here
             }
             let to = &mut places[place as usize];
             if !score.is_nan() {
@@ -232,7 +236,7 @@ mod tests {
             let grays: Vec<f32> = (0..WIDTH).map(|column| gray(line as f32, column as f32)).collect();
             grain.take(line, &grays);
             let compared = grain.compared(line).map(|pair| (pair, 0.0));
-            gathering.add(&run, &[Line { grays: &grays, lines_on: 0.0, axis_moved_px: 0.0, compared }], &mut sums);
+            gathering.add(&run, &[], &[Line { grays: &grays, lines_on: 0.0, axis_moved_px: 0.0, compared }], &mut sums);
         }
         sums[0].changes
     }

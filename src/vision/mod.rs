@@ -45,8 +45,9 @@
 //! - [`simplex`]: downhill simplex
 //! - [`smoothing`]: smooth courses from scattered measurements, with their uncertainty
 //!
-//! What a camera did not deliver:
+//! What a camera does to the picture:
 //! - [`lost_lines`]: lines that show nothing, or the line before once more
+//! - [`columns`]: columns of the sensor that are dead, tired or under dust
 //!
 //! The strands:
 //! - [`contour`]: edges of the rope in the image; `edge_search` and `edge_tracker` find and follow them
@@ -105,6 +106,7 @@ mod calibrated_width;
 pub mod calibration;
 pub mod camera;
 pub mod camera_distance;
+pub mod columns;
 pub mod contour;
 pub mod course;
 mod courses;

@@ -97,7 +97,7 @@ impl Residuals {
             let compared = seen.iter().filter(|line| line.compared.is_some()).count() as f32;
             map.for_each_run(middle, view.axis_px[middle], |run| {
                 sums.fill(Sums::default());
-                gathering.add(&run, &seen, &mut sums);
+                gathering.add(&run, &view.blind, &seen, &mut sums);
                 residuals.in_view[run.strand * blocks + block] = true;
                 let first = evidence.of(block, run.strand).start;
                 for (at, sums) in (first..).zip(&sums).filter(|(_, sums)| sums.pixels > 0.0) {

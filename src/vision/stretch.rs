@@ -19,6 +19,7 @@ use super::sway::{AxisGrid, AxisKnots};
 use super::template::Template;
 use super::wire_pattern::WirePattern;
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 /// Neighbouring pixels and lines share wires: so many registered pixels count as one independent one. Refined from residuals.
 const PIXELS_PER_INDEPENDENT: f64 = 250.0;
@@ -39,6 +40,8 @@ pub struct ViewStretch {
     pub image: GrayImage,
     /// Which lines were lost.
     pub lost: LostLines,
+    /// Columns that are not judged, in order: the sensor says nothing there, and the image was drawn from what is beside them.
+    pub blind: Vec<Range<usize>>,
     /// Its contours; NaN where there are none.
     pub contours: Contours,
     /// The contours without what wires add to the outline, as far as this is known.
