@@ -104,7 +104,9 @@ fn stages(criterion: &mut Criterion) {
 
     let mut group = criterion.benchmark_group("stages");
     group.throughput(Throughput::Elements(view.image.lines() as u64)).sample_size(20);
-    group.bench_function("contours", |b| b.iter(|| extract(black_box(&view.image), known.spec.rope_width_px)));
+    group.bench_function("contours", |b| {
+        b.iter(|| extract(black_box(&view.image), &view.lost, known.spec.rope_width_px))
+    });
     group.bench_function("registration", |b| {
         b.iter(|| {
             let (image, axis) = (black_box(&view.image), &view.axis_px);

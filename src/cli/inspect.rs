@@ -52,7 +52,8 @@ pub(crate) struct InspectArgs {
     /// Write results into a folder that holds other files
     #[arg(long)]
     force: bool,
-    /// Write likelihood maps as maps/view0/frame_000000.png, ...: dark is unlikely
+    /// Write likelihood maps as maps/view0/frame_000000.png, ...: dark is unlikely, black raises an alarm by
+    /// the model's own threshold, transparent was not judged
     #[arg(long, requires = "model")]
     maps: bool,
     /// Write a card of every defect as cards/defect_0.png, ...: one picture that says why it is one. Takes seconds a defect

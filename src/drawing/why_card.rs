@@ -13,6 +13,8 @@ use image::imageops::{FilterType, resize};
 const PAPER: Colour = [250, 250, 248];
 const INK: Colour = [40, 44, 52];
 const FAINT: Colour = [120, 124, 132];
+/// What was not judged, as in maps.
+const NOT_JUDGED: Colour = [205, 205, 205];
 const ALARM: Colour = [225, 85, 25];
 const PLOT: Colours = Colours {
     ground: [240, 241, 242],
@@ -52,7 +54,9 @@ pub fn draw(captions: &Captions, closeup: &Closeup, alarm: &AlarmRow) -> RgbImag
         x += PATCH + GAP;
     };
     patch("what the camera saw", &closeup.observed, |gray| [gray; 3]);
-    patch("likelihood: it glows where unlikely", &closeup.likelihood, heat);
+    patch("likelihood: it glows where unlikely", &closeup.likelihood, |gray| {
+        if gray == 255 { NOT_JUDGED } else { heat(gray) }
+    });
     patch("intact rope, as the model knows it", &closeup.intact, |gray| [gray; 3]);
     layout.scale_bar(&mut canvas, MARGIN, head + 24 + layout.height + 10);
     legend(&mut canvas, plots);

@@ -5,6 +5,9 @@ use super::truth::read_json;
 use serde::Deserialize;
 use std::path::Path;
 
+/// Labels without number, of one kind and in different views, that are nearer than this along the rope mark one defect: experts draw
+/// boxes to a few mm. In one view only those that overlap do.
+const ONE_DEFECT_MM: f64 = 5.0;
 /// Lines round a defect that count neither way.
 pub const MARGIN_LINES: usize = 20;
 
@@ -53,11 +56,38 @@ pub enum LineClass {
     Ignored,
 }
 
-/// Reads `DIR/labels.json` as sightings in order of first mention. A label without `defect` is a defect of its own.
-pub fn read_sightings(folder: &Path, lines: usize, views: usize) -> Result<Vec<Sighting>, EvaluateError> {
+/// Numbers of the defects that labels mark, in their order. Labels without number are told apart by kind and place and get numbers of
+/// their own.
+fn numbers(labels: &[LabelFile], line_pitch_mm: f64) -> Vec<usize> {
+    let first_free = labels.iter().filter_map(|label| label.defect).max().map_or(0, |defect| defect + 1);
+    let mut numbers: Vec<usize> =
+        labels.iter().enumerate().map(|(n, label)| label.defect.unwrap_or(first_free + n)).collect();
+    let near_lines = (ONE_DEFECT_MM / line_pitch_mm) as usize;
+    let is_one = |a: &LabelFile, b: &LabelFile| {
+        let near = if a.view == b.view { 0 } else { near_lines };
+        a.kind == b.kind && a.first_line <= b.last_line + near && b.first_line <= a.last_line + near
+    };
+    for (n, label) in labels.iter().enumerate().filter(|(_, label)| label.defect.is_none()) {
+        for (m, earlier) in labels[..n].iter().enumerate().filter(|(_, earlier)| earlier.defect.is_none()) {
+            let (one, other) = (numbers[m].min(numbers[n]), numbers[m].max(numbers[n]));
+            if is_one(label, earlier) {
+                numbers.iter_mut().filter(|number| **number == other).for_each(|number| *number = one);
+            }
+        }
+    }
+    numbers
+}
+
+/// Reads `DIR/labels.json` as sightings in order of first mention. Labels without `defect` are joined over views by kind and place.
+pub fn read_sightings(
+    folder: &Path,
+    lines: usize,
+    views: usize,
+    line_pitch_mm: f64,
+) -> Result<Vec<Sighting>, EvaluateError> {
     let path = folder.join("labels.json");
     let labels: Vec<LabelFile> = read_json(&path)?;
-    let unnamed = labels.iter().filter_map(|l| l.defect).max().map_or(0, |d| d + 1);
+    let numbers = numbers(&labels, line_pitch_mm);
     let mut sightings: Vec<Sighting> = Vec::new();
     for (n, label) in labels.into_iter().enumerate() {
         if label.view >= views || label.first_line > label.last_line {
@@ -67,7 +97,7 @@ pub fn read_sightings(folder: &Path, lines: usize, views: usize) -> Result<Vec<S
             );
             return Err(EvaluateError::Json { path, reason });
         }
-        let defect = label.defect.unwrap_or(unnamed + n);
+        let defect = numbers[n];
         let last_line = label.last_line.min(lines.saturating_sub(1));
         let at = sightings.iter().position(|s| (s.defect, s.view) == (defect, label.view));
         let sighting = match at {
@@ -127,7 +157,7 @@ mod tests {
         let labels = r#"[{"defect":4,"kind":"notch","view":0,"first_line":100,"last_line":109,"clear":false},
                          {"defect":4,"kind":"notch","view":0,"first_line":150,"last_line":999,"clear":true}]"#;
         std::fs::write(folder.path().join("labels.json"), labels).unwrap();
-        let sightings = read_sightings(folder.path(), 160, 1).unwrap();
+        let sightings = read_sightings(folder.path(), 160, 1, 0.1).unwrap();
         assert_eq!(sightings.len(), 1);
         assert_eq!((sightings[0].lines.len(), sightings[0].last_line, sightings[0].clear), (20, 159, true));
         let classes = classify(&sightings, 160, 1, 105);
@@ -135,5 +165,24 @@ mod tests {
         assert_eq!(classes[0][106], LineClass::Positive);
         assert_eq!(classes[0][130], LineClass::Ignored); // gap
         assert_eq!(classify(&sightings, 160, 1, 0)[0][79], LineClass::Negative);
+    }
+    #[test]
+    fn labels_without_number_are_one_defect_over_views_where_kind_and_place_agree() {
+        let folder = tempfile::tempdir().unwrap();
+        let label = |kind: &str, view: usize, first: usize, last: usize| serde_json::json!({ "view": view, "first_line": first, "last_line": last, "kind": kind });
+        let labels = [
+            label("broken_wire", 0, 1000, 1100),
+            label("corrosion", 1, 1050, 1200),   // another kind at the same place
+            label("broken_wire", 2, 1180, 1300), // overlaps with neither, but with the next one
+            label("broken_wire", 1, 1090, 1150), // joins both, 3 mm short of the second
+            label("broken_wire", 0, 1110, 1120), // 1 mm on in a view that has one there already
+            label("broken_wire", 1, 5000, 5100),
+            serde_json::json!({ "defect": 6, "view": 3, "first_line": 1000, "last_line": 1100, "kind": "broken_wire" }),
+        ];
+        std::fs::write(folder.path().join("labels.json"), serde_json::to_vec(&labels).unwrap()).unwrap();
+        let sightings = read_sightings(folder.path(), 9000, 4, 0.1).unwrap();
+        let of: Vec<(usize, usize, usize)> = sightings.iter().map(|s| (s.defect, s.view, s.lines.len())).collect();
+        // The one 1 mm on overlaps that of view 1, so it is a run of the same defect.
+        assert_eq!(of, [(7, 0, 112), (8, 1, 151), (7, 2, 121), (7, 1, 61), (12, 1, 101), (6, 3, 101)]);
     }
 }

@@ -59,7 +59,7 @@ pub fn evaluate(recording: &Path, results: &Path, skip_lines: usize) -> Result<E
         && recording.join("labels.json").exists()
     {
         let views = rope.views.len();
-        let sightings = read_sightings(recording, lines, views)?;
+        let sightings = read_sightings(recording, lines, views, rope.line_pitch_mm)?;
         if let Some(scores) = read_scores(results, lines, views)? {
             let classes = classify(&sightings, lines, views, skip_lines);
             detection.roc = Some(roc::score(&scores, &sightings, &classes, skip_lines));

@@ -90,7 +90,7 @@ async fn gather(app: &App, defect: &Defect, inspection: &Inspection, threshold: 
     Ok(Input {
         captions: Captions::of(&row_of_defect, &rope.name, &decision(defect), threshold),
         frames: app.store.frame_files(&row).await?,
-        maps: FrameFiles::new(row.row.sensor_px, vec![maps]),
+        maps: FrameFiles::of_maps(row.row.sensor_px, vec![maps]),
         acquisition: row.rope_file(&rope.design).validate().map_err(Problem::failure)?,
         model: folder.model(model),
         alarm,

@@ -1,6 +1,6 @@
 //! Scales a strip of frames down to one PNG, holding one frame and one row at a time.
 
-use crate::pipeline::source::{self, SourceError};
+use crate::pipeline::source::{self, Map, SourceError};
 use std::path::PathBuf;
 
 /// A frame-sized file that the strip touches.
@@ -27,8 +27,8 @@ pub struct Strip {
     pub width: usize,
     /// Rows of the picture, at most the lines.
     pub height: usize,
-    /// True: a pixel is the darkest of what it stands for. False: their mean.
-    pub darkest: bool,
+    /// True: the files are likelihood maps, and a pixel is the darkest of what it stands for. False: frames, and their mean.
+    pub maps: bool,
 }
 
 /// Why a picture could not be made.
@@ -52,7 +52,6 @@ struct Row {
     sum: Vec<u32>,
     count: Vec<u32>,
     least: Vec<u8>,
-    touched: bool,
 }
 
 impl Row {
@@ -62,39 +61,37 @@ impl Row {
             sum: vec![0; strip.width],
             count: vec![0; strip.width],
             least: vec![255; strip.width],
-            touched: false,
         }
     }
 
-    fn add(&mut self, line: &[u8]) {
-        self.touched = true;
-        for (&gray, &column) in line.iter().zip(&self.column) {
-            self.sum[column] += u32::from(gray);
-            self.count[column] += 1;
-            self.least[column] = self.least[column].min(gray);
+    /// Adds a line of gray and alpha; what is transparent does not count.
+    fn add(&mut self, line: &[[u8; 2]]) {
+        for (&[gray, alpha], &column) in line.iter().zip(&self.column) {
+            if alpha > 0 {
+                self.sum[column] += u32::from(gray);
+                self.count[column] += 1;
+                self.least[column] = self.least[column].min(gray);
+            }
         }
     }
 
     /// Gray and alpha of the row; then empties it.
     fn flush(&mut self, darkest: bool, pixels: &mut Vec<[u8; 2]>) {
         for column in 0..self.sum.len() {
-            pixels.push(match (self.touched, darkest) {
-                (false, _) => [0, 0],
-                (true, true) => [self.least[column], 255],
-                (true, false) => {
-                    let count = self.count[column].max(1);
-                    [((self.sum[column] + count / 2) / count) as u8, 255]
-                }
+            pixels.push(match (self.count[column], darkest) {
+                (0, _) => [0, 0],
+                (_, true) => [self.least[column], 255],
+                (count, false) => [((self.sum[column] + count / 2) / count) as u8, 255],
             });
         }
         self.sum.fill(0);
         self.count.fill(0);
         self.least.fill(255);
-        self.touched = false;
     }
 }
 
-/// Makes the PNG. Lines without a file are transparent; without any such, the PNG is plain gray. `stopped` is asked once a file.
+/// Makes the PNG. Lines without a file, and what maps say was not judged, are transparent; without any such, the PNG is plain gray.
+/// `stopped` is asked once a file.
 pub fn render(strip: &Strip, tiles: &[Tile], stopped: impl Fn() -> bool) -> Result<Vec<u8>, PictureError> {
     let lines = strip.to_line - strip.from_line;
     let row_of = |line: u64| ((line - strip.from_line) * strip.height as u64 / lines) as usize;
@@ -108,21 +105,26 @@ pub fn render(strip: &Strip, tiles: &[Tile], stopped: impl Fn() -> bool) -> Resu
         if !tile.path.is_file() {
             continue;
         }
-        let frame = source::decode(&tile.path)?;
+        let Map { width, pixels: decoded } = if strip.maps {
+            source::decode_map(&tile.path)?
+        } else {
+            let frame = source::decode(&tile.path)?;
+            Map { width: frame.width, pixels: frame.pixels.into_iter().map(|gray| [gray, 255]).collect() }
+        };
         let (first, last) = (tile.first_line.max(strip.from_line), (tile.first_line + tile.lines).min(strip.to_line));
         for line in first..last {
             while current < row_of(line) {
-                row.flush(strip.darkest, &mut pixels);
+                row.flush(strip.maps, &mut pixels);
                 current += 1;
             }
-            let start = (line - tile.first_line) as usize * frame.width;
-            if let Some(grays) = frame.pixels.get(start..start + frame.width) {
-                row.add(grays);
+            let start = (line - tile.first_line) as usize * width;
+            if let Some(line) = decoded.get(start..start + width) {
+                row.add(line);
             }
         }
     }
     while current < strip.height {
-        row.flush(strip.darkest, &mut pixels);
+        row.flush(strip.maps, &mut pixels);
         current += 1;
     }
     encode(strip, &pixels)
@@ -163,8 +165,8 @@ mod tests {
         tiles
     }
 
-    fn strip(from_line: u64, to_line: u64, width: usize, height: usize, darkest: bool) -> Strip {
-        Strip { columns: 4, from_line, to_line, width, height, darkest }
+    fn strip(from_line: u64, to_line: u64, width: usize, height: usize, maps: bool) -> Strip {
+        Strip { columns: 4, from_line, to_line, width, height, maps }
     }
 
     fn pixels(png: &[u8]) -> Vec<u8> {
@@ -196,5 +198,16 @@ mod tests {
         tiles[0].path = folder.path().join("absent");
         let png = render(&strip(0, 2, 1, 2, true), &tiles, || false).unwrap();
         assert_eq!(image::load_from_memory(&png).unwrap().to_luma_alpha8().into_raw(), [0, 0, 9, 255]);
+    }
+    #[test]
+    fn what_was_not_judged_is_transparent_and_darkens_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.png");
+        let (judged, not) = ([90, 255], [0, 0]);
+        let map = [[judged, not, not, not], [[200, 255], not, not, judged]].as_flattened().concat();
+        image::GrayAlphaImage::from_raw(4, 2, map).unwrap().save(&path).unwrap();
+        let png = render(&strip(0, 2, 2, 2, true), &[Tile { first_line: 0, lines: 2, path }], || false).unwrap();
+        let pixels = image::load_from_memory(&png).unwrap().to_luma_alpha8().into_raw();
+        assert_eq!(pixels, [90, 255, 0, 0, 200, 255, 90, 255]);
     }
 }

@@ -24,7 +24,7 @@ const MAX_PIXELS: u64 = 16 << 20;
 /// Most camera lines that one picture is made from: 40 m at 0.1 mm, some seconds of decoding.
 const MAX_LINES: u64 = 400_000;
 /// Part of every ETag: pictures of another version may look different.
-const VERSION: &str = "1";
+const VERSION: &str = "2";
 
 /// Which part of a view, and how large.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -88,8 +88,9 @@ pub enum PictureAnswer {
     Known,
 }
 
-/// Likelihood map of a range of a view: rows are camera lines, dark is unlikely, white is usual or was not judged (the inspection
-/// lists what was not covered), transparent has no frame. Scaled down by the darkest pixel, so that small defects stay visible
+/// Likelihood map of a range of a view: rows are camera lines, light is usual, dark is unlikely, black as unlikely as what raises an alarm
+/// by the model's own threshold; transparent was not judged (background, hidden by another strand, not covered: the inspection lists that).
+/// Scaled down by the darkest pixel, so that small defects stay visible
 #[utoipa::path(
     get,
     path = "/inspections/{id}/views/{view}/likelihood.png",
@@ -154,7 +155,7 @@ async fn picture(app: &App, request: PictureRequest, kind: Kind) -> Result<Respo
         to_line: to,
         width: width as usize,
         height: height as usize,
-        darkest: kind == Kind::Likelihood,
+        maps: kind == Kind::Likelihood,
     };
     let permit = app.cpu.clone().acquire_owned().await.map_err(Problem::failure)?;
     let shutdown = app.shutdown.clone();

@@ -56,7 +56,7 @@ pub struct Closeup {
     pub px_per_mm: f64,
     /// What the view saw.
     pub observed: GrayImage,
-    /// Its likelihood map.
+    /// Its likelihood map; 255 was not judged.
     pub likelihood: GrayImage,
     /// Intact rope there, as the model draws it.
     pub intact: GrayImage,

@@ -2,6 +2,7 @@
 
 use super::fit::{IntactRope, ModelFit};
 use super::found::{DefectsSoFar, FoundDefects};
+use super::likelihood_map::LikelihoodMap;
 use super::model_file::Model;
 use super::results::{AlarmRow, DefectRow, Level, Suggestion, Threshold};
 use super::signs::Looker;
@@ -10,16 +11,12 @@ use super::{Acquisition, PipelineError};
 use crate::vision::aligner::AlignedStretch;
 use crate::vision::camera::Camera;
 use crate::vision::defects::{AlarmBuilder, Defect, merge};
-use crate::vision::evidence::{block_lines, blocks};
-use crate::vision::image::GrayImage;
+use crate::vision::evidence::block_lines;
 use crate::vision::inspection_model::AlignedView;
 use crate::vision::judging::Judging;
 use crate::vision::stretch_scores::StretchScores;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
-
-/// Score at which a likelihood map turns black; 0 and less are white. One scale for every model and view.
-const BLACK_AT_SCORE: f32 = 8.0;
 
 /// Gathers what a model finds, stretch after stretch.
 pub(super) struct Detection<'a> {
@@ -71,13 +68,13 @@ impl<'a> Detection<'a> {
         }
     }
 
-    /// Scores a stretch; answers its likelihood maps if they are wanted (white where nothing was judged).
+    /// Scores a stretch; answers its likelihood maps if they are wanted.
     pub fn take(
         &mut self,
         stretch: &AlignedStretch,
         cameras: &[Camera],
         maps: bool,
-    ) -> Result<Vec<GrayImage>, PipelineError> {
+    ) -> Result<Vec<LikelihoodMap>, PipelineError> {
         let rope = &self.acquisition.rope;
         let pitch_mm = self.acquisition.line_pitch_mm;
         let (model, threshold) = (self.model, self.threshold);
@@ -108,19 +105,20 @@ impl<'a> Detection<'a> {
         }
         self.intact.add(&scored, model.report.threshold, block_mm);
         let sensor_px = self.acquisition.sensor_px as usize;
-        let drawn: Vec<GrayImage> = self
+        let drawn: Vec<LikelihoodMap> = self
             .builders
             .par_iter_mut()
             .enumerate()
             .map(|(v, builder)| {
                 let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) else {
-                    return if maps { white(sensor_px, stretch.lines) } else { GrayImage::default() };
+                    let nothing = || LikelihoodMap::not_judged(sensor_px, stretch.lines);
+                    return if maps { nothing() } else { LikelihoodMap::default() };
                 };
                 let mut looker = Looker::new(seen, scores, &model.views[v].gray);
                 builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
                     looker.look(block, threshold)
                 });
-                if maps { likelihood_map(&seen, scores) } else { GrayImage::default() }
+                if maps { LikelihoodMap::of(&seen, scores, model.report.threshold) } else { LikelihoodMap::default() }
             })
             .collect();
         if let Some((level, builders)) = &mut self.again {
@@ -212,30 +210,4 @@ pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) 
             })
             .collect(),
     }
-}
-
-fn white(width: usize, lines: usize) -> GrayImage {
-    GrayImage::new(width, vec![255; width * lines]).unwrap_or_default()
-}
-
-/// The likelihood map of a stretch: dark is unlikely, white is usual, was not judged or is no rope.
-fn likelihood_map(seen: &AlignedView<'_>, scores: &StretchScores) -> GrayImage {
-    let lines = seen.view.image.lines();
-    let width = seen.view.image.width();
-    let mut image = white(width, lines);
-    let mut map = seen.surface_map();
-    let mut drawn = vec![255u8; width];
-    for (block, (of_block, middle)) in blocks(lines, scores.block_lines).enumerate() {
-        let row = block * seen.rope.strands() * scores.places;
-        drawn.fill(255);
-        map.for_each(middle, seen.view.axis_px[middle], |point| {
-            let score = scores.cells[row + point.strand * scores.places + point.place];
-            if score.is_finite() {
-                drawn[point.column] = (255.0 * (1.0 - score / BLACK_AT_SCORE).clamp(0.0, 1.0)) as u8;
-            }
-        });
-        // A score holds for a block.
-        of_block.for_each(|line| image.line_mut(line).copy_from_slice(&drawn));
-    }
-    image
 }

@@ -1,5 +1,6 @@
 //! Aligns, measures and, with a model, finds defects; writes the results folder.
 
+use super::coverage::Coverage;
 use super::detection::Detection;
 use super::diameters::{DiameterExtremes, DiameterSummary};
 use super::drive::Drive;
@@ -8,7 +9,7 @@ use super::found::Found;
 use super::lay_length_table::{LayLengthTable, lay_length_rows};
 use super::maps::MapWriter;
 use super::model_file::Model;
-use super::results::{LineScoreFormat, NotCovered, Summary, Threshold};
+use super::results::{LineScoreFormat, Summary, Threshold};
 use super::tables::{LineValues, write_error};
 use super::{Acquisition, FrameSource, PipelineError, Progress};
 use crate::vision::aligner::AlignedStretch;
@@ -71,7 +72,7 @@ pub fn inspect(
         (Some(_), true) => Some(MapWriter::new(results_folder.join("maps"), acquisition.sensor_px as usize, source)),
         _ => None,
     };
-    let mut coverage = Coverage::default();
+    let mut coverage = Coverage::new(views);
     let mut extremes = DiameterExtremes::default();
     // Who looks on hears of lay lengths at once: the search settles several stretches together, and scoring them takes a while.
     let tell = |settled: &[AlignedStretch]| {
@@ -86,9 +87,10 @@ pub fn inspect(
     drive.run_telling(&mut reader, tell, |stretch, cameras| {
         for (v, view) in stretch.views.iter().enumerate() {
             let aligned = stretch.estimates.is_ok() && view.usable();
-            displacement.append(v, (0..stretch.lines).map(|k| if aligned { view.axis_px[k] } else { f32::NAN }))?;
+            let known = |k: usize| aligned && !view.lost.contains(k);
+            displacement.append(v, (0..stretch.lines).map(|k| if known(k) { view.axis_px[k] } else { f32::NAN }))?;
         }
-        coverage.add(acquisition, &stretch);
+        coverage.add(&stretch, acquisition.line_pitch_mm);
         if let Some(detection) = &mut detection {
             let images = detection.take(&stretch, cameras, maps.is_some())?;
             if let Some(maps) = &mut maps {
@@ -122,6 +124,7 @@ pub fn inspect(
     }
     let seconds = (started.elapsed() - reader.waited()).as_secs_f64();
     let diameter = extremes.summary(acquisition);
+    let (covered_view_m, not_covered) = coverage.finish(acquisition);
     let summary = Summary {
         ropescope_version: env!("CARGO_PKG_VERSION").into(),
         model: options
@@ -131,8 +134,8 @@ pub fn inspect(
         construction: acquisition.construction(),
         lines: reader.lines(),
         metres: total_m,
-        covered_view_m: coverage.covered_view_m,
-        not_covered: coverage.not_covered,
+        covered_view_m,
+        not_covered,
         threshold,
         defects,
         look_again,
@@ -160,34 +163,4 @@ fn remove_old(path: &Path) -> Result<(), PipelineError> {
 pub(super) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), PipelineError> {
     let text = serde_json::to_string_pretty(value).map_err(|e| write_error(path)(e.into()))?;
     std::fs::write(path, text).map_err(write_error(path))
-}
-
-/// Metres that were inspected, and those that were not, with reasons; neighbouring stretches with one reason are joined.
-#[derive(Default)]
-struct Coverage {
-    covered_view_m: f64,
-    not_covered: Vec<NotCovered>,
-}
-
-impl Coverage {
-    fn add(&mut self, acquisition: &Acquisition, stretch: &AlignedStretch) {
-        let from_m = acquisition.position_m(stretch.first_line);
-        let to_m = acquisition.position_m(stretch.first_line + stretch.lines);
-        for (view, seen) in stretch.views.iter().enumerate() {
-            let reason = match &stretch.estimates {
-                Ok(_) if seen.usable() => {
-                    self.covered_view_m += to_m - from_m;
-                    continue;
-                }
-                Ok(_) if seen.image.lines() == 0 => "this view has no lines here".to_owned(),
-                Ok(_) => "this view does not show both edges of the rope here".to_owned(),
-                Err(reason) => reason.to_string(),
-            };
-            let last = self.not_covered.iter_mut().rfind(|n| n.view == view);
-            match last {
-                Some(last) if last.reason == reason && (last.to_m - from_m).abs() < 1e-9 => last.to_m = to_m,
-                _ => self.not_covered.push(NotCovered { view, from_m, to_m, reason }),
-            }
-        }
-    }
 }

@@ -75,7 +75,7 @@ impl GrowingGray {
     /// Adds a stretch.
     pub fn take(&mut self, number: usize, aligned: &AlignedView<'_>) {
         aligned.learn_gray(&mut self.folds[fold_of(number)]);
-        let metres = aligned.view.image.lines() as f64 * aligned.pitch_mm / 1000.0;
+        let metres = aligned.view.lines_seen() as f64 * aligned.pitch_mm / 1000.0;
         self.metres += metres;
         if fold_of(number) == JUDGE {
             return; // the curve is judged by it

@@ -1,8 +1,8 @@
 //! Writes likelihood maps as images of the same geometry as the frames, while stretches go by.
 
+use super::likelihood_map::LikelihoodMap;
 use super::tables::write_error;
 use super::{FrameSource, PipelineError};
-use crate::vision::image::GrayImage;
 use rayon::prelude::*;
 use std::fs::File;
 use std::io::BufWriter;
@@ -13,10 +13,10 @@ struct ViewMaps {
     folder: PathBuf,
     width: usize,
     frame: usize,
-    pixels: Vec<u8>,
+    pixels: Vec<[u8; 2]>,
 }
 
-/// `maps/view{v}/frame_{n:06}.png`, 8-bit gray.
+/// `maps/view{v}/frame_{n:06}.png`, 8-bit gray and alpha.
 pub(super) struct MapWriter<'a> {
     source: &'a dyn FrameSource,
     views: Vec<ViewMaps>,
@@ -33,10 +33,10 @@ impl<'a> MapWriter<'a> {
     }
 
     /// Appends the maps of a stretch, one a view; writes the frames that became whole.
-    pub fn append(&mut self, images: Vec<GrayImage>) -> Result<(), PipelineError> {
+    pub fn append(&mut self, maps: Vec<LikelihoodMap>) -> Result<(), PipelineError> {
         let source = self.source;
-        self.views.par_iter_mut().zip(images).try_for_each(|(view, image)| {
-            view.pixels.extend_from_slice(image.pixels());
+        self.views.par_iter_mut().zip(maps).try_for_each(|(view, map)| {
+            view.pixels.extend(map.pixels);
             view.write_whole_frames(source)
         })
     }
@@ -64,13 +64,13 @@ impl ViewMaps {
     }
 }
 
-fn write_png(path: &Path, width: usize, lines: usize, pixels: &[u8]) -> Result<(), PipelineError> {
+fn write_png(path: &Path, width: usize, lines: usize, pixels: &[[u8; 2]]) -> Result<(), PipelineError> {
     let file = BufWriter::new(File::create(path).map_err(write_error(path))?);
     let mut encoder = png::Encoder::new(file, width as u32, lines as u32);
-    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_color(png::ColorType::GrayscaleAlpha);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fast);
     let mut writer = encoder.write_header().map_err(|e| write_error(path)(e.into()))?;
-    writer.write_image_data(pixels).map_err(|e| write_error(path)(e.into()))?;
+    writer.write_image_data(pixels.as_flattened()).map_err(|e| write_error(path)(e.into()))?;
     writer.finish().map_err(|e| write_error(path)(e.into()))
 }

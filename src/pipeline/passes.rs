@@ -99,7 +99,7 @@ impl Pass<'_> {
                             );
                         }
                     });
-                    let lines: usize = stretch.views.iter().filter(|v| v.usable()).map(|v| v.image.lines()).sum();
+                    let lines: usize = stretch.views.iter().filter(|v| v.usable()).map(|v| v.lines_seen()).sum();
                     *given_view_m += lines as f64 * pitch_mm / 1000.0;
                 }
                 Ok(())

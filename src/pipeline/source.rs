@@ -103,12 +103,18 @@ pub trait FrameSource: Send + Sync {
 pub struct FrameFiles {
     sensor_px: u32,
     paths: Vec<Vec<PathBuf>>,
+    maps: bool,
 }
 
 impl FrameFiles {
     /// `paths[view][frame]`; every image must be `sensor_px` wide.
     pub fn new(sensor_px: u32, paths: Vec<Vec<PathBuf>>) -> Self {
-        Self { sensor_px, paths }
+        Self { sensor_px, paths, maps: false }
+    }
+
+    /// The same of likelihood maps, whose alpha is left out: 255 is what was not judged.
+    pub fn of_maps(sensor_px: u32, paths: Vec<Vec<PathBuf>>) -> Self {
+        Self { maps: true, ..Self::new(sensor_px, paths) }
     }
 
     /// Adds the next frame of a view.
@@ -171,6 +177,22 @@ fn decode_checked(path: &Path) -> Result<Frame, SourceError> {
     Ok(Frame { width: width as usize, lines: height as usize, pixels })
 }
 
+/// A likelihood map as decoded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Map {
+    /// Columns.
+    pub width: usize,
+    /// Gray and alpha, row after row: dark is unlikely, 0 alpha was not judged.
+    pub pixels: Vec<[u8; 2]>,
+}
+
+/// Decodes a likelihood map, after checking its header.
+pub fn decode_map(path: &Path) -> Result<Map, SourceError> {
+    dimensions(path)?;
+    let image = open(path)?.decode().map_err(|e| unreadable(path, e))?.into_luma_alpha8();
+    Ok(Map { width: image.width() as usize, pixels: image.pixels().map(|pixel| pixel.0).collect() })
+}
+
 impl FrameSource for FrameFiles {
     fn views(&self) -> usize {
         self.paths.len()
@@ -187,6 +209,11 @@ impl FrameSource for FrameFiles {
     fn load(&self, view: usize, frame: usize) -> Result<Frame, SourceError> {
         let path = self.path(view, frame)?;
         self.dimensions(path)?;
+        if self.maps {
+            let Map { width, pixels } = decode_map(path)?;
+            let grays: Vec<u8> = pixels.into_iter().map(|[gray, _]| gray).collect();
+            return Ok(Frame { width, lines: grays.len() / width.max(1), pixels: grays });
+        }
         decode_checked(path)
     }
 }

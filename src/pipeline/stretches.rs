@@ -38,7 +38,7 @@ impl ViewReader {
         Ok(())
     }
 
-    /// Lines `from..to` of the view; without lines if the view has none of them, black where it ends inside.
+    /// Lines `from..to` of the view, as many as it has.
     fn read(
         &mut self,
         source: &dyn FrameSource,
@@ -63,8 +63,7 @@ impl ViewReader {
             pixels.extend_from_slice(&loaded.pixels[offset * width..(offset + lines) * width]);
             line += lines;
         }
-        pixels.resize((to - from) * width, 0);
-        Ok(GrayImage::new(width, pixels).expect("filled up to whole lines"))
+        Ok(GrayImage::new(width, pixels).expect("frames are whole lines"))
     }
 }
 

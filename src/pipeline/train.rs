@@ -128,6 +128,9 @@ impl Taught<'_> {
         }
         let mut intact = IntactRope::default();
         scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
+        if let Ok(path) = std::env::var("ROPESCOPE_PEAKS") {
+            let _ = std::fs::write(path, format!("{} {:?}", intact.metres(), intact.peaks()));
+        }
         let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
         let mut notes = Vec::new();
         let mut learnt_from = Vec::new();

@@ -7,12 +7,14 @@
 
 pub use super::aligner_spec::AlignerSpec;
 use super::camera::Camera;
+use super::columns::Columns;
 use super::contour::{Contours, extract};
 use super::courses::predict_wires;
 use super::estimates::{Estimates, NotAligned, estimate};
 use super::fitting::fit_from;
 use super::image::GrayImage;
 use super::lock::{Lock, lock};
+use super::lost_lines::{LineWatch, Loss};
 use super::measured::{Measured, Views};
 use super::measuring::{learn_template, measure, measure_wires, read_wires};
 use super::stretch::{StrandKnots, ViewStretch};
@@ -24,8 +26,6 @@ use std::collections::VecDeque;
 pub const GATHERED: usize = 5;
 /// Contours that agree less than this (eq. 13, 1 is perfect) are not the rope's.
 pub const LEAST_SCORE: f64 = 0.45;
-/// Share of lines that must show both edges in a view.
-pub(super) const LEAST_FOUND: f64 = 0.4;
 
 /// Rope beyond the ends of a stretch whose contours its axis takes into account, in rope diameters.
 const BEYOND_DIAMETERS: f64 = 2.5;
@@ -37,7 +37,7 @@ pub struct Stretch {
     pub first_line: usize,
     /// Number of lines.
     pub lines: usize,
-    /// One image a view.
+    /// One image a view; shorter where the view ends.
     pub images: Vec<GrayImage>,
     /// Contours measured elsewhere, one per view, used instead of extraction.
     pub given_contours: Option<Vec<Contours>>,
@@ -61,6 +61,12 @@ pub struct AlignedStretch {
 pub struct Aligner {
     spec: AlignerSpec,
     views: Option<Views>,
+    /// One a view.
+    watches: Vec<LineWatch>,
+    /// One a view.
+    columns: Vec<Columns>,
+    /// The first stretches have taught them.
+    columns_known: bool,
     /// The last stretch that came in: its axis is found when the lines after it are there.
     waiting: Option<Measured>,
     gathered: Vec<Measured>,
@@ -83,7 +89,20 @@ impl Aligner {
     /// An aligner that has seen nothing.
     pub fn new(spec: AlignerSpec) -> Self {
         let wires = vec![None; spec.rope.strands()];
-        Self { spec, views: None, waiting: None, gathered: Vec::new(), window: VecDeque::new(), wires, lost: 0 }
+        let columns = vec![Columns::default(); spec.view_angles_rad.len()];
+        let watches = vec![LineWatch::default(); spec.view_angles_rad.len()];
+        Self {
+            spec,
+            views: None,
+            watches,
+            columns,
+            columns_known: false,
+            waiting: None,
+            gathered: Vec::new(),
+            window: VecDeque::new(),
+            wires,
+            lost: 0,
+        }
     }
 
     /// The cameras, once they were estimated.
@@ -133,22 +152,38 @@ impl Aligner {
         out
     }
 
-    fn see(&self, stretch: Stretch) -> Measured {
+    fn see(&mut self, stretch: Stretch) -> Measured {
         let hint = self.spec.rope_width_px;
+        let (known, least_lines) = (self.columns_known, self.spec.column_lines());
         let given = stretch.given_contours;
-        let views = stretch
-            .images
-            .into_par_iter()
+        let views = self
+            .watches
+            .par_iter_mut()
+            .zip(&mut self.columns)
+            .zip(stretch.images)
             .enumerate()
-            .map(|(v, image)| {
+            .map(|(v, ((watch, columns), image))| {
+                let mut lost = watch.look(&image);
+                let ends = image.lines();
+                let mut image = if ends > 0 { image.with_lines(stretch.lines) } else { image };
+                lost.push(ends..image.lines(), Loss::Ended);
+                columns.read(&image, &lost);
+                let all = lost.runs().iter().flat_map(|run| run.lines.clone());
+                all.for_each(|line| image.line_mut(line).fill(0));
+                if known {
+                    columns.learn(least_lines);
+                    columns.set_right(&mut image);
+                }
                 let contours = match &given {
                     Some(given) => given[v].clone(),
-                    None => extract(&image, hint),
+                    None => extract(&image, &lost, hint),
                 };
-                ViewStretch { image, contours, ..Default::default() }
+                let blind = columns.not_judged();
+                ViewStretch { image, lost, blind, contours, ..Default::default() }
             })
             .collect();
         Measured {
+            given: given.is_some(),
             first_line: stretch.first_line,
             lines: stretch.lines,
             views,
@@ -160,8 +195,38 @@ impl Aligner {
         }
     }
 
+    /// Learns the columns from the first stretches, which are there as the sensors gave them, and sets these right.
+    fn set_first_right(&mut self) {
+        self.columns_known = true;
+        let (hint, least_lines) = (self.spec.rope_width_px, self.spec.column_lines());
+        self.columns.iter_mut().for_each(|columns| columns.learn(least_lines));
+        if !self.columns.iter().any(Columns::is_faulty) {
+            return;
+        }
+        let mut first: Vec<&mut Measured> = self.gathered.iter_mut().chain(&mut self.waiting).collect();
+        for measured in &mut first {
+            let views = measured.views.par_iter_mut().zip(&self.columns);
+            views.filter(|(view, columns)| columns.is_faulty() && view.image.lines() > 0).for_each(
+                |(view, columns)| {
+                    columns.set_right(&mut view.image);
+                    view.blind = columns.not_judged();
+                    if !measured.given {
+                        view.contours = extract(&view.image, &view.lost, hint);
+                    }
+                },
+            );
+        }
+        for k in 1..first.len() {
+            let (before, after) = first.split_at_mut(k);
+            look_beyond(&self.spec, before[k - 1], after[0]);
+        }
+    }
+
     /// Locks on the gathered stretches, measures them, and goes on tracking; without a lock they are answered as not aligned.
     fn settle_gathered(&mut self, out: &mut Vec<AlignedStretch>) {
+        if !self.columns_known {
+            self.set_first_right();
+        }
         let mut gathered = std::mem::take(&mut self.gathered);
         let locked = lock(&self.spec, self.views.take(), &mut gathered);
         match locked {

@@ -10,6 +10,11 @@ const KNOT_DIAMETERS: f64 = 0.15;
 const KNOT_READINGS: usize = 4;
 const MOST_READING_LINES: usize = 8;
 
+/// Rope in strand lays, and the lay in diameters where none is given, after which the mean gray of a column says more of the sensor than
+/// of single wires.
+const COLUMN_LAYS: f64 = 3.0;
+const USUAL_LAY_DIAMETERS: f64 = 7.0;
+
 /// What does not change over an acquisition.
 #[derive(Debug, Clone)]
 pub struct AlignerSpec {
@@ -59,6 +64,13 @@ impl AlignerSpec {
     /// True if some view sees every strand everywhere: fewer leave gaps, over which the count of a strand's wires is the first concern.
     pub(super) fn sees_all_round(&self) -> bool {
         self.view_angles_rad.len() > MOST_VIEWS_WITH_GAPS
+    }
+
+    /// Fewest lines that teach the columns of the sensor.
+    pub(super) fn column_lines(&self) -> usize {
+        let usual_mm = USUAL_LAY_DIAMETERS * self.rope.diameter_mm();
+        let lay_mm = self.rope.design().strand_lay_mm.map_or(usual_mm, f64::abs);
+        (COLUMN_LAYS * lay_mm / self.pitch_mm) as usize
     }
 
     /// Lines of a stretch: whole knots, about `lines`.

@@ -36,23 +36,25 @@ pub struct GrayScale {
 const LIGHTS: usize = 128;
 
 impl GrayScale {
-    /// Measures the light of every line about the rope axis, smoothed over [`LIGHT_LINES`].
+    /// Measures the light of every line about the rope axis, smoothed over [`LIGHT_LINES`]; black lines, which show nothing, say nothing
+    /// of it.
     pub fn new(image: &GrayImage, axis_px: &[f32], half_width_px: f64) -> Self {
         let lines = image.lines();
-        let mut sums = vec![0.0f64; lines + 1];
+        let mut sums = vec![(0.0f64, 0u32); lines + 1];
         for k in 0..lines {
             let line = image.line(k);
             let from = ((f64::from(axis_px[k]) - 0.7 * half_width_px).max(0.0) as usize).min(line.len());
             let to = ((f64::from(axis_px[k]) + 0.7 * half_width_px).max(0.0) as usize).clamp(from, line.len());
             // Every third pixel tells the light well enough.
             let (sum, n) = line[from..to].iter().step_by(3).fold((0u32, 0u32), |(s, n), &g| (s + u32::from(g), n + 1));
-            sums[k + 1] = sums[k] + f64::from(sum) / f64::from(n.max(1));
+            let (light, lit) = sums[k];
+            sums[k + 1] = (light + f64::from(sum) / f64::from(n.max(1)), lit + u32::from(sum > 0));
         }
         let half = LIGHT_LINES / 2;
         let line_table: Vec<u8> = (0..lines)
             .map(|k| {
                 let (from, to) = (k.saturating_sub(half), (k + half).min(lines));
-                let light = (sums[to] - sums[from]) / (to - from) as f64;
+                let light = (sums[to].0 - sums[from].0) / f64::from((sums[to].1 - sums[from].1).max(1));
                 // Light levels are spaced by equal ratios from 2 to 256.
                 ((light.clamp(2.0, 255.9) / 2.0).ln() / 128f64.ln() * (LIGHTS as f64 - 1.0)).round() as u8
             })

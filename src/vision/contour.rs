@@ -10,6 +10,7 @@ use super::edge_search::{SEARCH_EVERY, body_contrast, coarse_edges};
 use super::edge_strip::{Blocks, EdgeStrip};
 use super::edge_tracker::EdgeTracker;
 use super::image::GrayImage;
+use super::lost_lines::LostLines;
 use super::shadow::is_shadow;
 use super::shadowed_edge::rope_inside;
 
@@ -102,20 +103,31 @@ fn middle_width(contours: &Contours) -> Option<f32> {
     (widths.len() >= 3).then(|| *widths.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// Extracts both edges of every line. `hint_px`: expected rope width in px, if known; what is much narrower is no rope.
-pub fn extract(image: &GrayImage, hint_px: Option<f64>) -> Contours {
+/// Extracts both edges of every line but those that were lost. `hint_px`: expected rope width in px, if known; what is much narrower is
+/// no rope.
+pub fn extract(image: &GrayImage, lost: &LostLines, hint_px: Option<f64>) -> Contours {
     let mut lower = EdgeTracker::new(1);
     let mut upper = EdgeTracker::new(-1);
     let mut contours = Contours::default();
     if image.width() < 32 || image.lines() == 0 {
         return contours;
     }
-    let body = body_contrast(image);
+    let body = body_contrast(image, lost);
     for row in 0..image.lines() {
+        if let Some(run) = lost.within(row..row + 1).first() {
+            contours.lower_px.push(f32::NAN);
+            contours.upper_px.push(f32::NAN);
+            if row + 1 == run.lines.end && run.lines.len() >= SEARCH_EVERY {
+                // The rope may have moved meanwhile.
+                lower.let_go();
+                upper.let_go();
+            }
+            continue;
+        }
         let line = image.line(row);
         if row > 0
             && row % CHECK_EVERY == 0
-            && let Some((l, u, body)) = coarse_edges(image, row, body, hint_px)
+            && let Some((l, u, body)) = coarse_edges(image, lost, row, body, hint_px)
         {
             lower.check(l, body);
             upper.check(u, body);
@@ -124,7 +136,7 @@ pub fn extract(image: &GrayImage, hint_px: Option<f64>) -> Contours {
             // Lost one edge: look for both again, for they lend each other plausibility.
             lower.let_go();
             upper.let_go();
-            let edges = coarse_edges(image, row, body, hint_px);
+            let edges = coarse_edges(image, lost, row, body, hint_px);
             contours.lower_px.push(lower.follow(line, || edges.map(|e| (e.0, e.2))));
             contours.upper_px.push(upper.follow(line, || edges.map(|e| (e.1, e.2))));
         } else {
@@ -173,7 +185,7 @@ mod tests {
     fn follows_edges_to_a_fraction_of_a_pixel_on_dark_and_bright_backgrounds() {
         let edges = |k: usize| (30.0 + 5.0 * (k as f64 / 60.0).sin(), 160.0 + 4.0 * (k as f64 / 45.0).cos());
         for (background, rope) in [(8u8, 120u8), (210, 90)] {
-            let contours = extract(&band(600, edges, background, |_| rope), None);
+            let contours = extract(&band(600, edges, background, |_| rope), &LostLines::default(), None);
             let error = |found: &[f32], truth: &dyn Fn(usize) -> f64| {
                 (20..600).map(|k| (f64::from(found[k]) - truth(k)).abs()).fold(0.0, f64::max)
             };
@@ -190,15 +202,15 @@ mod tests {
         for row in pixels.chunks_exact_mut(200) {
             row[151..175].iter_mut().for_each(|g| *g = (*g).max(18));
         }
-        let contours = extract(&GrayImage::new(200, pixels).unwrap(), None);
+        let contours = extract(&GrayImage::new(200, pixels).unwrap(), &LostLines::default(), None);
         assert!(contours.upper_px[50..].iter().all(|u| (u - 150.0).abs() < 2.0));
     }
 
     #[test]
     fn constant_gray_and_noise_show_no_rope() {
         let flat = GrayImage::new(200, vec![90; 200 * 300]).unwrap();
-        assert_eq!(extract(&flat, Some(150.0)).found(), 0.0);
+        assert_eq!(extract(&flat, &LostLines::default(), Some(150.0)).found(), 0.0);
         let noise = (0..200 * 300).map(|k: u32| (k.wrapping_mul(2_654_435_761) >> 27) as u8).collect();
-        assert!(extract(&GrayImage::new(200, noise).unwrap(), Some(150.0)).found() < 0.05);
+        assert!(extract(&GrayImage::new(200, noise).unwrap(), &LostLines::default(), Some(150.0)).found() < 0.05);
     }
 }

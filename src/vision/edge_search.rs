@@ -1,6 +1,7 @@
 //! Both edges of the rope in a line that nothing is known of yet: where it differs from the line's own margins.
 
 use super::image::GrayImage;
+use super::lost_lines::LostLines;
 
 /// The edge must differ from the background by this many standard deviations of the background.
 pub(super) const SIGNIFICANT_SD: f32 = 4.0;
@@ -11,11 +12,12 @@ pub(super) const LEAST_CONTRAST: f32 = 5.0;
 /// Lines between two searches for a lost edge.
 pub(super) const SEARCH_EVERY: usize = 16;
 
-/// How far the body of the rope differs from both margins: the median over the middle half of the columns, all lines averaged.
-pub(super) fn body_contrast(image: &GrayImage) -> f32 {
+/// How far the body of the rope differs from both margins: the median over the middle half of the columns, all lines averaged but
+/// those that were lost.
+pub(super) fn body_contrast(image: &GrayImage, lost: &LostLines) -> f32 {
     let width = image.width();
     let mut mean = vec![0.0f32; width];
-    let rows: Vec<usize> = (0..image.lines()).step_by(SEARCH_EVERY).collect();
+    let rows: Vec<usize> = (0..image.lines()).step_by(SEARCH_EVERY).filter(|&row| !lost.contains(row)).collect();
     for &row in &rows {
         for (m, &gray) in mean.iter_mut().zip(image.line(row)) {
             *m += f32::from(gray) / rows.len() as f32;
@@ -31,14 +33,20 @@ pub(super) fn body_contrast(image: &GrayImage) -> f32 {
 /// Both edges of the widest thing in a line that differs from the line's own margins.
 ///
 /// Answers lower edge, upper edge and how far the body of the rope differs from the background.
-pub(super) fn coarse_edges(image: &GrayImage, line: usize, body: f32, hint_px: Option<f64>) -> Option<(f32, f32, f32)> {
+pub(super) fn coarse_edges(
+    image: &GrayImage,
+    lost: &LostLines,
+    line: usize,
+    body: f32,
+    hint_px: Option<f64>,
+) -> Option<(f32, f32, f32)> {
     let width = image.width();
     let from = line.saturating_sub(SEARCH_EVERY / 2);
-    let to = (from + SEARCH_EVERY).min(image.lines());
-    let n = (to - from) as f32;
+    let rows = (from..(from + SEARCH_EVERY).min(image.lines())).filter(|&row| !lost.contains(row));
+    let n = rows.clone().count() as f32;
     let mut mean = vec![0.0f32; width];
     let mut squares = vec![0.0f32; width];
-    for row in from..to {
+    for row in rows {
         for ((mean, squares), &gray) in mean.iter_mut().zip(&mut squares).zip(image.line(row)) {
             let gray = f32::from(gray);
             *mean += gray;

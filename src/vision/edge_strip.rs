@@ -74,7 +74,7 @@ impl EdgeStrip {
                 place.take(image.line(row), first, &broken, &mut pixels);
                 gray.iter_mut().zip(&pixels).for_each(|(gray, &pixel)| *gray += f32::from(pixel));
                 n += 1.0;
-                if row == lines.start {
+                if row == lines.start && edges[row + 1].is_finite() {
                     place.take(image.line(row + 1), first, &broken, &mut next);
                     let differences = pixels.iter().zip(&next).map(|(pixel, next)| f32::from(pixel.abs_diff(*next)));
                     noise.iter_mut().zip(differences).for_each(|(noise, difference)| *noise += difference);

@@ -8,7 +8,9 @@ use super::appearance::GrayScale;
 use super::camera::Camera;
 use super::estimates::Estimates;
 use super::factor::Factor;
+use super::grain::Grain;
 use super::histogram::{Histogram, region};
+use super::lost_lines::LostLines;
 use super::residuals::{self, Residuals};
 use super::rope::Rope;
 use super::stretch::ViewStretch;
@@ -58,6 +60,8 @@ pub struct Evidence {
     pub(super) counts: Vec<f32>,
     /// Region of the surface that the place shows in this view; [`UNSEEN`] where no pixel fell.
     pub(super) regions: Vec<u8>,
+    /// Blocks that were not judged because lines were lost. What another view says of them is not this view's.
+    pub(super) lost: Vec<bool>,
 }
 
 /// Lines per block for a line pitch.
@@ -74,6 +78,30 @@ pub fn blocks(lines: usize, block_lines: usize) -> impl Iterator<Item = (Range<u
     })
 }
 
+/// The lines that a block is judged by, those before it among them with which its grain is compared. If one of them was lost, the block is
+/// not judged.
+pub fn lines_read(block: &Range<usize>, pitch_mm: f64) -> Range<usize> {
+    block.start.saturating_sub(Grain::reach_lines(pitch_mm))..block.end
+}
+
+/// The lines of a stretch that are not judged because they or lines that they are judged with were lost, along the rope.
+pub fn not_judged(lost: &LostLines, lines: usize, pitch_mm: f64) -> Vec<Range<usize>> {
+    let mut ranges: Vec<Range<usize>> = Vec::new();
+    if lost.is_empty() {
+        return ranges;
+    }
+    for (block, _) in blocks(lines, block_lines(pitch_mm)) {
+        if lost.within(lines_read(&block, pitch_mm)).is_empty() {
+            continue;
+        }
+        match ranges.last_mut() {
+            Some(last) if last.end == block.start => last.end = block.end,
+            _ => ranges.push(block),
+        }
+    }
+    ranges
+}
+
 /// Adds the pixels of a stretch to a histogram of intact rope: gray bin by surface cell (eq. 18).
 pub fn learn(
     rope: &Rope,
@@ -87,7 +115,13 @@ pub fn learn(
     let scale = GrayScale::new(&view.image, &view.axis_px, half_width_px);
     let mut map = SurfaceMap::new(rope, camera, estimates, view.image.width());
     for (block, middle) in blocks(view.image.lines(), block_lines) {
+        if !view.lost.within(block.clone()).is_empty() {
+            continue;
+        }
         map.for_each(middle, view.axis_px[middle], |point| {
+            if view.blind.iter().any(|blind| blind.contains(&point.column)) {
+                return;
+            }
             for line in block.clone() {
                 let axis_moved_px = view.axis_px[line] - view.axis_px[middle];
                 let column = point.column_on(line as f32 - middle as f32, axis_moved_px);
@@ -133,6 +167,7 @@ impl Evidence {
             sums: vec![0.0; len],
             counts: vec![0.0; len],
             regions: vec![UNSEEN; len],
+            lost: vec![false; blocks],
         }
     }
 

@@ -119,7 +119,7 @@ impl Evidence {
         }
     }
 
-    /// Whether any pixel fell so near to a place that the place counts as seen, in the order of scores.
+    /// Whether any pixel fell so near to a place that the place counts as seen, in the order of scores. Where lines were lost, none does.
     pub fn seen(&self, pitch_mm: f64) -> Vec<bool> {
         let half = half_blocks(SEEN_WITHIN.0, self.block_lines as f64 * pitch_mm);
         let mut seen = vec![false; self.counts.len()];
@@ -132,7 +132,9 @@ impl Evidence {
             let [one, other] = &mut under;
             for block in about.clone() {
                 window.move_to(block - about.start, &pixels, one, &pixels, other);
-                seen[self.of_scores(block, strand)].iter_mut().zip(&*one).for_each(|(seen, &n)| *seen = n > 0.0);
+                let lost = self.lost[block];
+                let places = seen[self.of_scores(block, strand)].iter_mut().zip(&*one);
+                places.for_each(|(seen, &n)| *seen = n > 0.0 && !lost);
             }
             under.iter_mut().for_each(|row| row.fill(0.0));
         }

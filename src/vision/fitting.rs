@@ -1,6 +1,6 @@
 //! Finds the straight course of the strands through a stretch by its contours, in the interval that the rope's design allows.
 
-use super::aligner::{AlignerSpec, LEAST_FOUND, LEAST_SCORE};
+use super::aligner::{AlignerSpec, LEAST_SCORE};
 use super::estimates::NotAligned;
 use super::measured::Measured;
 use super::reference::Reference;
@@ -17,15 +17,10 @@ pub(super) fn fit_from(
     seen: &Measured,
     previous: Option<(usize, &Reference)>,
 ) -> Result<StrandAlignment, NotAligned> {
-    let views: Vec<_> = seen
-        .views
-        .iter()
-        .zip(models)
-        .filter(|(v, _)| v.image.lines() > 0 && v.contours.found() >= LEAST_FOUND)
-        .map(|(v, m)| v.contour_view(m))
-        .collect();
+    let views: Vec<_> =
+        seen.views.iter().zip(models).filter(|(v, _)| v.shows_edges()).map(|(v, m)| v.contour_view(m)).collect();
     if views.is_empty() {
-        let lost = seen.views.iter().all(|v| v.image.lines() == 0);
+        let lost = seen.views.iter().all(|v| v.lines_seen() == 0);
         return Err(if lost { NotAligned::LinesLost } else { NotAligned::NoRope });
     }
     let step = spec.rope.strand_step_rad();

@@ -10,7 +10,7 @@ use super::grain::Compared;
 use super::histogram::GRAY_BINS;
 use super::surface_map::{Run, whole, within};
 use super::unrolled::{FINE_PER_WIRE, GraySums};
-use std::ops::AddAssign;
+use std::ops::{AddAssign, Range};
 
 /// Sums over the pixels of one place in one block. A pixel of the middle line stands for those of all lines.
 #[derive(Debug, Clone, Copy, Default)]
@@ -114,12 +114,24 @@ impl<'a> Gathering<'a> {
         }
     }
 
-    /// Adds the pixels of a run, in all lines of the block, to the places of its strand, and their gray to its fine places.
-    pub fn add(&mut self, run: &Run<'_>, lines: &[Line<'_>], places: &mut [Sums], fine: &mut [GraySums]) {
+    /// Adds the pixels of a run, in all lines of the block, to the places of its strand, and their gray to its fine places; those of
+    /// `blind` columns count as not seen.
+    pub fn add(
+        &mut self,
+        run: &Run<'_>,
+        blind: &[Range<usize>],
+        lines: &[Line<'_>],
+        places: &mut [Sums],
+        fine: &mut [GraySums],
+    ) {
         let n = run.cells.len();
         self.row.look_up(self.gray, run);
         if self.judged == Judged::Gray {
             self.row.look_up_middles(self.gray, run);
+        }
+        for columns in blind {
+            let of_run = |column: usize| column.saturating_sub(run.from).min(n);
+            self.row.expected[of_run(columns.start)..of_run(columns.end)].fill(f32::NAN);
         }
         self.gray_sums[..n].fill(0.0);
         self.scores[..n].fill(0.0);
@@ -136,7 +148,7 @@ impl<'a> Gathering<'a> {
         let seen = run.places.iter().zip(run.cells).zip(run.wire_places).zip(&self.row.expected);
         for ((((&place, &cell), wire_place), &expected), ((&gray_sum, &score), &changes)) in seen.zip(sums) {
             if expected.is_nan() {
-                continue; // nobody has seen such a place
+                continue; // nobody has seen such a place, or nobody sees it here
             }
             let at = (wire_place + 0.5) * FINE_PER_WIRE as f32;
             let at = whole(within(if at >= all_fine { at - all_fine } else { at }, all_fine - 0.5));
@@ -241,7 +253,7 @@ mod tests {
             grain.take(line, &grays);
             let compared = grain.compared(line).map(|pair| (pair, 0.0));
             let lines = [Line { grays: &grays, lines_on: 0.0, axis_moved_px: 0.0, compared }];
-            gathering.add(&run, &lines, &mut sums, &mut [GraySums::default(); FINE_PER_WIRE]);
+            gathering.add(&run, &[], &lines, &mut sums, &mut [GraySums::default(); FINE_PER_WIRE]);
         }
         sums[0].changes
     }

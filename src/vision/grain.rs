@@ -6,6 +6,10 @@
 /// Distance along the wire over which pixels are compared in mm.
 const ALONG_MM: f64 = 0.3;
 
+fn lag_lines(pitch_mm: f64) -> usize {
+    ((ALONG_MM / pitch_mm).round() as usize).max(1)
+}
+
 /// Follows the lines of a view.
 #[derive(Debug, Clone)]
 pub struct Grain {
@@ -21,7 +25,7 @@ pub struct Grain {
 impl Grain {
     /// For images of `width_px` columns; the last `lines` that were taken can be asked about.
     pub fn new(pitch_mm: f64, width_px: usize, lines: usize) -> Self {
-        let lag_lines = ((ALONG_MM / pitch_mm).round() as usize).max(1);
+        let lag_lines = lag_lines(pitch_mm);
         let kept = vec![vec![0.0; width_px]; lag_lines + lines];
         Self { lag_lines, averaged: kept.clone(), sideways: kept, last: vec![0.0; width_px] }
     }
@@ -52,6 +56,11 @@ impl Grain {
             before: averaged(before),
             sideways: [sideways(before), sideways(line)],
         })
+    }
+
+    /// How many lines before a line are read when it is compared: the earlier one is averaged with that before it.
+    pub fn reach_lines(pitch_mm: f64) -> usize {
+        lag_lines(pitch_mm) + 1
     }
 
     /// How many lines lie between a line and the one that it is compared with.

@@ -38,6 +38,12 @@ impl GrayImage {
         &mut self.pixels[line * self.width..(line + 1) * self.width]
     }
 
+    /// The same image with so many lines, cut or black at its end. Without columns it stays without lines.
+    pub fn with_lines(mut self, lines: usize) -> Self {
+        self.pixels.resize(self.width * lines, 0);
+        self
+    }
+
     /// All gray values, row after row.
     pub fn pixels(&self) -> &[u8] {
         &self.pixels

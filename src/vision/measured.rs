@@ -18,6 +18,8 @@ use super::wire_tracking::{Grid, StripeShift, WireKnot};
 /// A stretch with everything measured in it.
 #[derive(Debug)]
 pub(super) struct Measured {
+    /// Whether its contours were measured elsewhere.
+    pub given: bool,
     pub first_line: usize,
     pub lines: usize,
     pub views: Vec<ViewStretch>,

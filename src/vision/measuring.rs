@@ -1,6 +1,6 @@
 //! Measures strands and wires of a stretch knot by knot, and learns from it how the rope looks.
 
-use super::aligner::{AlignerSpec, LEAST_FOUND};
+use super::aligner::AlignerSpec;
 use super::camera::Camera;
 use super::course::Course;
 use super::courses::{StrandCourses, strand_courses, with};
@@ -40,7 +40,7 @@ pub(super) fn measure(
         }
     }
     seen.views.par_iter_mut().zip(&views.models).for_each(|(view, model)| {
-        if view.image.lines() > 0 && view.contours.found() >= LEAST_FOUND {
+        if view.shows_edges() {
             view.set_axis(model, rope, &reference);
         }
     });

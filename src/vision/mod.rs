@@ -45,6 +45,10 @@
 //! - [`simplex`]: downhill simplex
 //! - [`smoothing`]: smooth courses from scattered measurements, with their uncertainty
 //!
+//! What a camera does to the picture:
+//! - [`lost_lines`]: lines that show nothing, or the line before once more
+//! - [`columns`]: columns of the sensor that are dead, tired or under dust
+//!
 //! The strands:
 //! - [`contour`]: edges of the rope in the image; `edge_search` and `edge_tracker` find and follow them
 //! - `shadow`: whether an edge is a shadow's, from the image beside it (`edge_strip`); `shadowed_edge`: where the rope begins then
@@ -107,6 +111,7 @@ pub mod calibration;
 pub mod camera;
 pub mod camera_distance;
 pub mod closer_look;
+pub mod columns;
 pub mod contour;
 pub mod course;
 mod courses;
@@ -138,6 +143,7 @@ pub mod kind;
 pub mod lasting;
 mod lock;
 mod looseness;
+pub mod lost_lines;
 pub mod mean_filter;
 mod measured;
 mod measuring;

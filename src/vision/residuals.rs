@@ -84,6 +84,10 @@ impl Residuals {
                 grays.iter_mut().zip(view.image.line(line)).for_each(|(gray, &pixel)| *gray = fine[usize::from(pixel)]);
                 grain.take(line, grays);
             }
+            if !view.lost.within(evidence::lines_read(&of_block, pitch_mm)).is_empty() {
+                evidence.lost[block] = true;
+                continue;
+            }
             let seen: Vec<Line<'_>> = of_block
                 .zip(&grays)
                 .step_by(if block_lines > EVERY_LINES { EVERY_LINES } else { 1 })
@@ -98,7 +102,7 @@ impl Residuals {
             map.for_each_run(middle, view.axis_px[middle], |run| {
                 sums.fill(Sums::default());
                 fine.fill(GraySums::default());
-                gathering.add(&run, &seen, &mut sums, &mut fine);
+                gathering.add(&run, &view.blind, &seen, &mut sums, &mut fine);
                 residuals.unrolled.set(block, run.strand, &fine);
                 residuals.in_view[run.strand * blocks + block] = true;
                 let first = evidence.of(block, run.strand).start;

@@ -6,6 +6,7 @@ use super::camera::Camera;
 use super::contour::Contours;
 use super::displacement::axis_readings;
 use super::image::GrayImage;
+use super::lost_lines::LostLines;
 use super::model_contour::ModelContour;
 use super::outline_detail::OutlineDetail;
 use super::reference::Reference;
@@ -18,6 +19,7 @@ use super::sway::{AxisGrid, AxisKnots};
 use super::template::Template;
 use super::wire_pattern::WirePattern;
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 /// Neighbouring pixels and lines share wires: so many registered pixels count as one independent one. Refined from residuals.
 const PIXELS_PER_INDEPENDENT: f64 = 250.0;
@@ -26,11 +28,20 @@ const PIXELS_PER_INDEPENDENT: f64 = 250.0;
 /// the contours must lead.
 const PIXELS_PER_INDEPENDENT_LANG: f64 = 750.0;
 
+/// Share of the lines that were not lost that must show both edges.
+const LEAST_FOUND: f64 = 0.4;
+/// Share of the lines of a stretch that must not be lost.
+const LEAST_SEEN: f64 = 0.25;
+
 /// One view of a stretch.
 #[derive(Debug, Clone, Default)]
 pub struct ViewStretch {
-    /// The lines; without lines the view was lost here.
+    /// The lines; without lines the view was lost here. Those that were lost are black: nothing is measured in a black line.
     pub image: GrayImage,
+    /// Which lines were lost.
+    pub lost: LostLines,
+    /// Columns that are not judged, in order: the sensor says nothing there, and the image was drawn from what is beside them.
+    pub blind: Vec<Range<usize>>,
     /// Its contours; NaN where there are none.
     pub contours: Contours,
     /// The contours without what wires add to the outline, as far as this is known.
@@ -113,6 +124,22 @@ impl ViewStretch {
         if let Some(axis_px) = self.axis_knots.with_image(&image_px, &self.axis_px) {
             self.axis_px = axis_px;
         }
+    }
+
+    /// Number of lines that were not lost.
+    pub fn lines_seen(&self) -> usize {
+        self.image.lines() - self.lost.len()
+    }
+
+    /// True if so many lines were lost that the others do not measure the stretch.
+    pub fn lost_too_many(&self) -> bool {
+        (self.lines_seen() as f64) < LEAST_SEEN * self.image.lines() as f64
+    }
+
+    /// True if so many of the lines show both edges that the stretch can be measured.
+    pub fn shows_edges(&self) -> bool {
+        let (lines, seen) = (self.image.lines() as f64, self.lines_seen() as f64);
+        lines > 0.0 && !self.lost_too_many() && self.contours.found() * lines >= LEAST_FOUND * seen
     }
 
     /// True if the view shows the rope here.

@@ -110,7 +110,7 @@ impl Engine for ToyEngine {
             learnt_view_m: 1.0,
         };
         let first = learnt_from(&ranges[0]);
-        let mut budget = toy_budget(budget);
+        let mut budget = toy_budget(options.budget);
         if self.earlier.load(Ordering::SeqCst) {
             budget.tail_peaks.clear();
         }

@@ -2,6 +2,7 @@
 
 use ropescope::vision::contour::{Contours, extract};
 use ropescope::vision::image::GrayImage;
+use ropescope::vision::lost_lines::LostLines;
 use std::f64::consts::TAU;
 
 const COLUMNS: usize = 340;
@@ -73,7 +74,7 @@ impl Drawing {
     }
 
     fn contours(&self) -> Contours {
-        extract(&self.image(), Some(2.0 * HALF_PX))
+        extract(&self.image(), &LostLines::default(), Some(2.0 * HALF_PX))
     }
 
     /// By how much the found edges lie too far inside, lower and upper: median and the deviation that a tenth of the lines
@@ -187,7 +188,7 @@ fn wires_that_stick_out_of_rope_and_shadow_disturb_only_their_own_lines() {
                 image.line_mut(line)[upper..upper + 25].fill(120);
             }
         }
-        let errors = drawing.errors(&extract(&image, Some(2.0 * HALF_PX)));
+        let errors = drawing.errors(&extract(&image, &LostLines::default(), Some(2.0 * HALF_PX)));
         assert!(
             errors.iter().all(|(median, tenth)| median.abs() < within_px && *tenth < within_px),
             "{what}: {errors:?}"
@@ -206,7 +207,7 @@ fn a_background_without_a_rope_shows_none() {
     for (k, background) in backgrounds.iter().enumerate() {
         let gray = |line, column| (background(column as f64) + noise(line, column)) as u8;
         let pixels = (0..LINES * COLUMNS).map(|p| gray(p / COLUMNS, p % COLUMNS)).collect();
-        let contours = extract(&GrayImage::new(COLUMNS, pixels).unwrap(), Some(2.0 * HALF_PX));
+        let contours = extract(&GrayImage::new(COLUMNS, pixels).unwrap(), &LostLines::default(), Some(2.0 * HALF_PX));
         assert_eq!(contours.found(), 0.0, "background {k}");
     }
 }

@@ -5,8 +5,8 @@ use ropescope::pipeline::model_file::{Model, read_report};
 use ropescope::pipeline::progress::Quiet;
 use ropescope::pipeline::source::{Frame, SourceError};
 use ropescope::pipeline::{
-    Acquisition, Budget, FrameFiles, FrameSource, InspectOptions, PipelineError, TrainReport, TrainingRange, inspect,
-    train,
+    Acquisition, FrameFiles, FrameSource, InspectOptions, PipelineError, TrainOptions, TrainReport, TrainingRange,
+    inspect, train,
 };
 use ropescope::simulate::{Recipe, Scene, write_acquisition};
 use std::collections::BTreeSet;
@@ -82,7 +82,7 @@ fn days() -> &'static [Recording; 2] {
 }
 
 fn learn(ranges: &[TrainingRange<'_>], model: &Path) -> TrainReport {
-    train(ranges, Budget::default(), model, &Quiet).unwrap()
+    train(ranges, TrainOptions::default(), model, &Quiet).unwrap()
 }
 
 #[test]
@@ -134,14 +134,14 @@ fn another_construction_is_refused_by_name_and_nothing_is_written() {
     let other = Recording::new(&day().with_construction(6, 8, 32.0), 9);
     let folder = tempfile::tempdir().unwrap();
     let ranges = [clean.range("clean", None, None), other.range("other", None, None)];
-    let error = train(&ranges, Budget::default(), &folder.path().join("rope.model"), &Quiet).unwrap_err();
+    let error = train(&ranges, TrainOptions::default(), &folder.path().join("rope.model"), &Quiet).unwrap_err();
     assert!(matches!(error, PipelineError::AcquisitionsDiffer { .. }));
     let words =
         "other has a number of wires per strand of 8, but the first one has 9: one model is learnt from one rope";
     assert!(error.to_string().starts_with(words), "{error}");
     assert_eq!(*other.decoded.lock().unwrap(), BTreeSet::new(), "it costs nothing");
     let outside = [clean.range("clean", None, None), days()[1].range("dirty", None, Some(19.0))];
-    let error = train(&outside, Budget::default(), &folder.path().join("rope.model"), &Quiet).unwrap_err();
+    let error = train(&outside, TrainOptions::default(), &folder.path().join("rope.model"), &Quiet).unwrap_err();
     let words = "the range of dirty, which shows rope metres 20.00 to 21.00";
     assert!(error.to_string().contains(words), "{error}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);

@@ -46,7 +46,7 @@ impl Judged {
         let rope = RecordingFile::read(recording)?;
         let summary: SummaryFile = read_json(&results.join("summary.json"))?;
         let (views, lines) = (rope.views.len(), rope.lines.unwrap_or(summary.lines));
-        let sightings = read_sightings(recording, lines, views)?;
+        let sightings = read_sightings(recording, lines, views, rope.line_pitch_mm)?;
         let path = results.join("line_scores.csv");
         let scores = read_scores(results, lines, views)?.ok_or_else(|| EvaluateError::Json {
             path: path.clone(),
