@@ -1,6 +1,7 @@
 //! What false alarms may cost, in words of those who look at them, and the two thresholds that follow from it.
 
 use super::reinspection::CONTEXT_MM;
+use crate::vision::known_tail::KnownTail;
 use crate::vision::tail::Tail;
 use serde::{Deserialize, Serialize};
 
@@ -92,6 +93,9 @@ pub struct BudgetFit {
     /// models of earlier versions.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tail_peaks: Vec<f32>,
+    /// Whether scores have what a closer look adds, so that other ropes tell of their tail, too. Not so in models of earlier versions.
+    #[serde(default)]
+    pub closer_look: bool,
 }
 
 /// The threshold that so many false defects allow.
@@ -113,9 +117,15 @@ fn costs(tail: &Tail, line_score: f64) -> Level {
 }
 
 impl BudgetFit {
-    /// Both thresholds from the peaks of held-back intact rope. `None` with too few.
-    pub fn of(budget: Budget, false_defects_per_100m: f64, peaks: &[f32], held_back_m: f64) -> Option<Self> {
-        let (tail, left_out) = Tail::of_intact(peaks, held_back_m)?;
+    /// Both thresholds from the peaks of held-back intact rope, and what is known of their tail beforehand. `None` with too few.
+    pub fn of(
+        budget: Budget,
+        false_defects_per_100m: f64,
+        peaks: &[f32],
+        held_back_m: f64,
+        known: Option<KnownTail>,
+    ) -> Option<Self> {
+        let (tail, left_out) = Tail::of_intact(peaks, held_back_m, known)?;
         let mut tail_peaks: Vec<f32> = peaks.iter().copied().filter(|&p| f64::from(p) >= tail.base()).collect();
         tail_peaks.sort_by(f32::total_cmp);
         tail_peaks.truncate(tail_peaks.len() - left_out);
@@ -128,13 +138,19 @@ impl BudgetFit {
             left_out,
             tail_from: tail.base(),
             tail_peaks,
+            closer_look: known.is_some(),
         })
+    }
+
+    /// What is known of the tail beforehand.
+    pub fn known(&self) -> Option<KnownTail> {
+        self.closer_look.then_some(KnownTail::CLOSER_LOOK)
     }
 
     /// The law, from what is stored of it; `None` in models of earlier versions.
     fn tail(&self) -> Option<Tail> {
         let base = self.tail_peaks.first()?;
-        Tail::over(f64::from(*base), &self.tail_peaks, f64::INFINITY, self.held_back_m)
+        Tail::over(f64::from(*base), &self.tail_peaks, f64::INFINITY, self.held_back_m, self.known())
     }
 
     /// The threshold that so many false defects per 100 m allow, which must lie within [`FALSE_DEFECTS`]. `None` if the model is of an
@@ -175,7 +191,7 @@ mod tests {
 
     #[test]
     fn a_larger_budget_gives_lower_thresholds_and_looking_again_is_the_lower_of_two() {
-        let fit = |n: f64| BudgetFit::of(Budget::FalseDefects(n), n, &peaks(), 5.0).unwrap();
+        let fit = |n: f64| BudgetFit::of(Budget::FalseDefects(n), n, &peaks(), 5.0, None).unwrap();
         let (little, much) = (fit(1.0), fit(10.0));
         assert!(little.alarm.line_score > much.alarm.line_score + 0.5);
         for fit in [little, much] {
@@ -198,7 +214,7 @@ mod tests {
     fn a_stored_fit_answers_for_every_rate_as_a_training_would_and_an_earlier_one_says_that_it_cannot() {
         let mut peaks = peaks();
         peaks.extend([30.0, 40.0]); // two defects that nobody had seen
-        let fit = |n: f64| BudgetFit::of(Budget::FalseDefects(n), n, &peaks, 5.0).unwrap();
+        let fit = |n: f64| BudgetFit::of(Budget::FalseDefects(n), n, &peaks, 5.0, None).unwrap();
         assert_eq!((fit(2.0).peaks, fit(2.0).left_out), (fit(2.0).tail_peaks.len(), 2));
         let mut stored = serde_json::to_value(fit(2.0)).unwrap();
         let read: BudgetFit = serde_json::from_value(stored.clone()).unwrap();
@@ -223,7 +239,7 @@ mod tests {
 
     #[test]
     fn the_origin_says_budget_and_interval() {
-        let fit = BudgetFit::of(Budget::default(), 2.0, &peaks(), 5.0).unwrap();
+        let fit = BudgetFit::of(Budget::default(), 2.0, &peaks(), 5.0, None).unwrap();
         let origin = fit.origin();
         assert!(origin.starts_with("automatic, budget 2 false defects per 100 m, 95 % between "), "{origin}");
     }

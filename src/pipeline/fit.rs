@@ -181,7 +181,7 @@ impl IntactRope {
             // Where all peaks are higher, the tail begins higher, too.
             let under: Vec<f32> = self.peaks.iter().copied().filter(|&p| f64::from(p) < threshold).collect();
             let base = base_of(&under)?.max(budget.tail_from);
-            Tail::over(base, &under, threshold, metres)
+            Tail::over(base, &under, threshold, metres, budget.known())
         });
         let rate = tail.as_ref().map(|tail| 100.0 * tail.rate(threshold));
         let between = tail.as_ref().map(|tail| tail.rate_between(threshold));
@@ -250,7 +250,7 @@ mod tests {
 
     fn trained() -> (BudgetFit, Vec<Option<IntactScores>>) {
         let rope = rope(4.0, 0.0, 0.6, false);
-        (BudgetFit::of(Budget::default(), 2.0, rope.peaks(), rope.metres()).unwrap(), rope.scores())
+        (BudgetFit::of(Budget::default(), 2.0, rope.peaks(), rope.metres(), None).unwrap(), rope.scores())
     }
 
     #[test]

@@ -128,10 +128,8 @@ impl Taught<'_> {
         }
         let mut intact = IntactRope::default();
         scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
-        if let Ok(path) = std::env::var("ROPESCOPE_PEAKS") {
-            let _ = std::fs::write(path, format!("{} {:?}", intact.metres(), intact.peaks()));
-        }
-        let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres()).ok_or_else(too_little)?;
+        let known = judging.known_tail(&learnt, pitch_mm);
+        let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres(), known).ok_or_else(too_little)?;
         let mut notes = Vec::new();
         let mut learnt_from = Vec::new();
         if used.len() > 1 {
@@ -175,7 +173,7 @@ mod tests {
 
     fn report() -> TrainReport {
         let peaks: Vec<f32> = (0..80).map(|k| 4.0 - 0.6 * ((k as f32 + 0.5) / 80.0).ln()).collect();
-        let budget = BudgetFit::of(Budget::default(), 2.0, &peaks, 2.0).unwrap();
+        let budget = BudgetFit::of(Budget::default(), 2.0, &peaks, 2.0, None).unwrap();
         TrainReport {
             construction: "6x9".into(),
             from_m: 0.0,

@@ -12,6 +12,8 @@ use super::unrolled::Unrolled;
 
 /// Score from which on a place is a suspect; what is below stays as it is.
 pub const SUSPECT: f32 = 2.5;
+/// Farthest that lines may be apart in mm: coarser pictures, such as previews, do not show what the network has learnt to look at.
+pub const COARSEST_MM: f64 = 0.25;
 /// Blocks of a wire that have one suspect at the most.
 pub const SEGMENT_BLOCKS: usize = 6;
 /// Logarithm of the odds at which the closer look begins to count.

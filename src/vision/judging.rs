@@ -2,8 +2,9 @@
 //!
 //! What a part adds shows when it is left out; then the same code runs with less.
 
-use super::closer_look::look_closer;
+use super::closer_look::{COARSEST_MM, look_closer};
 use super::inspection_model::{Seen, ViewAppearance};
+use super::known_tail::KnownTail;
 use super::mean_filter::{MeanOf, mean_scores};
 use super::residuals::Judged;
 use super::stretch_scores::{StretchScores, join_views};
@@ -59,8 +60,7 @@ impl Judging {
     pub fn score(&self, view: &ViewAppearance, seen: &Seen, strands: usize, pitch_mm: f64) -> StretchScores {
         let Filters::Mean(filter, mean_of) = self.filters else {
             let mut scores = view.score(&seen.evidence, pitch_mm);
-            // Little rope may not have taught the further factors.
-            if self.closer_look && view.judged() == Judged::Nothing {
+            if self.looks_closer(view, pitch_mm) {
                 look_closer(&mut scores, &seen.unrolled, &seen.evidence[1..], strands);
             }
             return scores;
@@ -70,6 +70,17 @@ impl Judging {
             (Some(gray), Some(calibration)) => mean_scores(gray, filter, calibration.pixels, mean_of, pitch_mm),
             _ => view.score(&[], pitch_mm), // nothing can be told
         }
+    }
+
+    /// Whether it looks closer at what a view found. Little rope may not have taught the further factors.
+    fn looks_closer(&self, view: &ViewAppearance, pitch_mm: f64) -> bool {
+        let finds = self.closer_look && self.filters == Filters::Calibrated && view.judged() == Judged::Nothing;
+        finds && pitch_mm <= COARSEST_MM
+    }
+
+    /// What is known beforehand of the tail of its scores.
+    pub fn known_tail(&self, views: &[ViewAppearance], pitch_mm: f64) -> Option<KnownTail> {
+        views.iter().all(|view| self.looks_closer(view, pitch_mm)).then_some(KnownTail::CLOSER_LOOK)
     }
 
     /// Makes the scores of all views those of the rope.

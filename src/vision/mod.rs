@@ -97,7 +97,7 @@
 //! - [`stretch_scores`]: the scores of a stretch, and views joined
 //! - [`lasting`]: what is rare because it lasts
 //! - [`judging`]: all of that, or parts of it, down to the paper's [`mean_filter`]
-//! - [`tail`]: where an alarm begins
+//! - [`tail`]: where an alarm begins; [`known_tail`]: what other ropes say of it
 //! - [`defects`]: alarms of one cause, merged
 
 mod agreement;
@@ -140,6 +140,7 @@ pub mod inspection_model;
 pub mod judging;
 pub mod kept_evidence;
 pub mod kind;
+pub mod known_tail;
 pub mod lasting;
 mod lock;
 mod looseness;

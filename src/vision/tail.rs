@@ -4,6 +4,8 @@
 //! peaks over a base level follow a generalised Pareto law, whatever the scores are (Pickands, Balkema, de Haan); its shape, which a
 //! few dozen peaks hardly tell, is known beforehand from many ropes. What is not known shows in the profile likelihood.
 
+use super::known_tail::KnownTail;
+
 /// A place this near to a higher one along the rope is the same event: alarms this near would be one defect.
 const APART_MM: f64 = 20.0;
 /// Share of the peaks that are the tail.
@@ -22,6 +24,9 @@ const HALF_CHI_95: f64 = 1.92;
 /// Rates that an interval is looked for among: so many decades about the best one, in so many steps each way.
 const DECADES: f64 = 4.0;
 const STEPS: usize = 160;
+/// How far over the base a score is looked for that a rate exceeds, and halvings of that: finer than any score is told.
+const FARTHEST: f64 = 500.0;
+const HALVINGS: usize = 50;
 /// Excesses are counted in bins of this score: finer than any threshold is told.
 const BIN: f64 = 0.02;
 /// A peak that the rest would bring forth less often than once on so many ropes like this one is no peak of intact rope.
@@ -65,14 +70,6 @@ impl Law {
         (1.0 + self.shape * excess / self.scale).max(0.0).powf(-1.0 / self.shape)
     }
 
-    /// Excess that a share goes beyond.
-    fn excess(&self, share: f64) -> f64 {
-        if self.shape.abs() < 1e-9 {
-            return -self.scale * share.ln();
-        }
-        self.scale / self.shape * (share.powf(-self.shape) - 1.0)
-    }
-
     fn log_density(&self, excess: f64) -> f64 {
         if self.shape.abs() < 1e-9 {
             return -self.scale.ln() - excess / self.scale;
@@ -90,6 +87,7 @@ pub struct Tail {
     count: f64,
     laws: Vec<Law>,
     best: Law,
+    known: Option<KnownTail>,
 }
 
 /// The score over which the upper `TAIL_SHARE` of the peaks lie. `None` without peaks.
@@ -105,8 +103,8 @@ fn steps((from, to, n): (f64, f64, usize)) -> impl Iterator<Item = f64> {
 
 impl Tail {
     /// The tail of those of the peaks, seen on so many metres, that are over `base`. What lies over `cut` may be anything, defects
-    /// perhaps, and tells nothing. `None` with too few peaks, or if all are alike.
-    pub fn over(base: f64, peaks: &[f32], cut: f64, metres: f64) -> Option<Self> {
+    /// perhaps, and tells nothing. What is `known` of such tails beforehand counts with it. `None` with too few peaks, or if all are alike.
+    pub fn over(base: f64, peaks: &[f32], cut: f64, metres: f64, known: Option<KnownTail>) -> Option<Self> {
         let mut bins: Vec<f64> = Vec::new();
         for excess in peaks.iter().map(|&p| f64::from(p)).filter(|&p| p >= base && p < cut).map(|p| p - base) {
             let bin = (excess / BIN) as usize;
@@ -137,12 +135,12 @@ impl Tail {
             .filter(|law| law.log_likelihood.is_finite())
             .collect();
         let best = *laws.iter().max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood))?;
-        Some(Self { base, metres, count, laws, best })
+        Some(Self { base, metres, count, laws, best, known })
     }
 
     /// The tail of the peaks of a rope that should be intact, without those so far out that the others do not explain them: a few
     /// defects that nobody had seen. Answers how many were left out, too.
-    pub fn of_intact(peaks: &[f32], metres: f64) -> Option<(Self, usize)> {
+    pub fn of_intact(peaks: &[f32], metres: f64, known: Option<KnownTail>) -> Option<(Self, usize)> {
         let mut kept = peaks.to_vec();
         kept.sort_by(f32::total_cmp);
         let base = base_of(&kept)?;
@@ -151,7 +149,7 @@ impl Tail {
         let mut inner = kept.len().saturating_sub(most);
         while inner < kept.len() {
             let next = f64::from(kept[inner]);
-            let Some(rest) = Self::over(base, &kept[..inner], next.max(base + BIN), metres) else {
+            let Some(rest) = Self::over(base, &kept[..inner], next.max(base + BIN), metres, known) else {
                 inner += 1;
                 continue;
             };
@@ -160,7 +158,7 @@ impl Tail {
             }
             inner += 1;
         }
-        Some((Self::over(base, &kept[..inner], f64::INFINITY, metres)?, kept.len() - inner))
+        Some((Self::over(base, &kept[..inner], f64::INFINITY, metres, known)?, kept.len() - inner))
     }
 
     /// Score from which on the law holds.
@@ -168,21 +166,40 @@ impl Tail {
         self.base
     }
 
-    /// Peaks to be expected over a score on a metre of such rope.
-    pub fn rate(&self, score: f64) -> f64 {
+    /// What its own peaks say of a score.
+    fn own_rate(&self, score: f64) -> f64 {
         let all = self.count / self.metres / self.best.counted;
         all * self.best.beyond((score - self.base).max(0.0))
     }
 
-    /// The score that so many peaks a metre exceed; never under the base.
-    pub fn score_for(&self, rate: f64) -> f64 {
-        let all = self.count / self.metres / self.best.counted;
-        self.base + if rate < all { self.best.excess(rate / all) } else { 0.0 }
+    /// Peaks to be expected over a score on a metre of such rope.
+    pub fn rate(&self, score: f64) -> f64 {
+        let own = self.own_rate(score);
+        self.known.map_or(own, |known| known.pooled(score, own, self.metres))
     }
 
-    /// Between which rates the true one lies, 95 %, by profile likelihood over shape, scale and number.
+    /// The score that so many peaks a metre exceed; never under the base.
+    pub fn score_for(&self, rate: f64) -> f64 {
+        let (mut low, mut high) = (self.base, self.base + FARTHEST);
+        if self.rate(low) <= rate {
+            return low;
+        }
+        for _ in 0..HALVINGS {
+            let middle = (low + high) / 2.0;
+            if self.rate(middle) > rate { low = middle } else { high = middle }
+        }
+        high
+    }
+
+    /// Between which rates the true one lies, 95 %.
     pub fn rate_between(&self, score: f64) -> (f64, f64) {
-        let best = self.rate(score).max(f64::MIN_POSITIVE);
+        let own = self.own_rate_between(score);
+        self.known.map_or(own, |known| known.pooled_between(score, self.own_rate(score), own, self.metres))
+    }
+
+    /// The same by its own peaks: by profile likelihood over shape, scale and number.
+    fn own_rate_between(&self, score: f64) -> (f64, f64) {
+        let best = self.own_rate(score).max(f64::MIN_POSITIVE);
         let excess = (score - self.base).max(0.0);
         // Expected count per rate, and what the law itself is worth.
         let laws: Vec<(f64, f64)> = self
@@ -239,7 +256,7 @@ mod tests {
         let mut widths = Vec::new();
         for metres in [1.6, 5.0, 40.0] {
             let peaks = exponential(metres);
-            let (tail, outliers) = Tail::of_intact(&peaks, metres).unwrap();
+            let (tail, outliers) = Tail::of_intact(&peaks, metres, None).unwrap();
             assert_eq!(outliers, 0);
             let score = tail.score_for(0.02);
             assert!((score - truth).abs() < 0.6, "{metres} m: {score}, true {truth}");
@@ -254,9 +271,9 @@ mod tests {
     #[test]
     fn a_few_defects_in_the_rope_do_not_move_the_tail() {
         let mut peaks = exponential(5.0);
-        let clean = Tail::of_intact(&peaks, 5.0).unwrap().0.score_for(0.02);
+        let clean = Tail::of_intact(&peaks, 5.0, None).unwrap().0.score_for(0.02);
         peaks.extend([14.0, 16.0, 15.0, 19.0]);
-        let (tail, outliers) = Tail::of_intact(&peaks, 5.0).unwrap();
+        let (tail, outliers) = Tail::of_intact(&peaks, 5.0, None).unwrap();
         assert_eq!(outliers, 4);
         assert!((tail.score_for(0.02) - clean).abs() < 0.3, "{} {clean}", tail.score_for(0.02));
     }
@@ -264,16 +281,28 @@ mod tests {
     #[test]
     fn what_lies_over_the_cut_tells_nothing() {
         let mut peaks = exponential(20.0);
-        let whole = Tail::over(4.4, &peaks, f64::INFINITY, 20.0).unwrap().rate(8.0);
+        let whole = Tail::over(4.4, &peaks, f64::INFINITY, 20.0, None).unwrap().rate(8.0);
         peaks.extend([9.0; 60]); // three defects a metre
-        let cut = Tail::over(4.4, &peaks, 7.0, 20.0).unwrap().rate(8.0);
+        let cut = Tail::over(4.4, &peaks, 7.0, 20.0, None).unwrap().rate(8.0);
         assert!((cut / whole).ln().abs() < 0.7, "{cut} {whole}");
     }
 
     #[test]
+    fn what_is_known_of_other_ropes_moves_a_threshold_towards_theirs() {
+        let peaks = exponential(4.0);
+        let own = Tail::of_intact(&peaks, 4.0, None).unwrap().0.score_for(0.02);
+        let tail = Tail::of_intact(&peaks, 4.0, Some(KnownTail::CLOSER_LOOK)).unwrap().0;
+        let pooled = tail.score_for(0.02);
+        assert!(own < 9.0 && pooled > own + 1.0 && pooled < 12.4, "{own} {pooled}");
+        assert!((tail.rate(pooled) / 0.02 - 1.0).abs() < 1e-6);
+        let (low, high) = tail.rate_between(pooled);
+        assert!(low < 0.01 && high > 0.04, "{low} {high}");
+    }
+
+    #[test]
     fn too_few_or_equal_peaks_make_no_tail() {
-        assert!(Tail::of_intact(&[5.0; 3], 1.0).is_none());
-        assert!(Tail::of_intact(&[5.0; 300], 1.0).is_none());
-        assert!(Tail::of_intact(&[], 1.0).is_none());
+        assert!(Tail::of_intact(&[5.0; 3], 1.0, None).is_none());
+        assert!(Tail::of_intact(&[5.0; 300], 1.0, None).is_none());
+        assert!(Tail::of_intact(&[], 1.0, None).is_none());
     }
 }

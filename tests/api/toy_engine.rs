@@ -46,6 +46,7 @@ pub fn toy_budget(budget: Budget) -> BudgetFit {
         left_out: 0,
         tail_from: 4.0,
         tail_peaks: (0..40).rev().map(|k| 4.0 - 0.6 * ((k as f32 + 0.5) / 40.0).ln()).collect(),
+        closer_look: false,
     }
 }
 
