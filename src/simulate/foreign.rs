@@ -149,7 +149,12 @@ impl Piece {
                 let thick = (0.06 + 0.1 * f64::from(strength)) / self.half_mm;
                 let share = (2.0 * (1.0 - (bent / thick).abs() as f32)).clamp(0.0, 0.9);
                 let share = if along.abs() > 1.0 { 0.0 } else { share };
-                Cover { share, albedo: if self.seed.is_multiple_of(2) { 0.08 } else { 1.3 }, gleam: 0.1, lean: [0.0; 2] }
+                Cover {
+                    share,
+                    albedo: if self.seed.is_multiple_of(2) { 0.08 } else { 1.3 },
+                    gleam: 0.1,
+                    lean: [0.0; 2],
+                }
             }
             Matter::Grit => {
                 let grain = rough(0.45, 1);

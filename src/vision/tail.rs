@@ -175,7 +175,7 @@ impl Tail {
     /// Peaks to be expected over a score on a metre of such rope.
     pub fn rate(&self, score: f64) -> f64 {
         let own = self.own_rate(score);
-        self.known.map_or(own, |known| known.pooled(score, own, self.metres))
+        self.known.map_or(own, |known| known.pooled(score - self.base, own, self.metres))
     }
 
     /// The score that so many peaks a metre exceed; never under the base.
@@ -194,7 +194,7 @@ impl Tail {
     /// Between which rates the true one lies, 95 %.
     pub fn rate_between(&self, score: f64) -> (f64, f64) {
         let own = self.own_rate_between(score);
-        self.known.map_or(own, |known| known.pooled_between(score, self.own_rate(score), own, self.metres))
+        self.known.map_or(own, |known| known.pooled_between(score - self.base, self.own_rate(score), own, self.metres))
     }
 
     /// The same by its own peaks: by profile likelihood over shape, scale and number.
