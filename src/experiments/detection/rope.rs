@@ -88,7 +88,7 @@ impl TestRope {
         folders.into_iter().map(judged).collect()
     }
 
-    /// Models of the rungs. Those that the same taught are learnt once.
+    /// Models of the rungs, as their files say. Those that the same taught are learnt once.
     fn models(&self, rungs: &[Rung], frames: &KeptFrames<'_>, work: &Work<'_>) -> Result<Vec<Model>, ExperimentError> {
         let to_m = Some(self.train_m);
         let acquisition = &self.acquisition;
@@ -98,7 +98,10 @@ impl TestRope {
             let run = work.run_of(training_m(self.train_m), &PASSES);
             let taught = Taught::by(&range, alike[0].bandwidths, alike[0].gray_score, &run)?;
             for rung in alike {
-                models.push(taught.model(Budget::default(), &rung.judging)?);
+                // Numbers of a file may differ from those in memory in their last digit, and everybody's models come from files.
+                let path = self.description.path().join("rung.model");
+                taught.model(Budget::default(), &rung.judging)?.write(&path)?;
+                models.push(Model::read(&path)?);
             }
         }
         Ok(models)
