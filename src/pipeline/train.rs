@@ -19,6 +19,7 @@ use crate::vision::lasting::Lasting;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 pub use super::model_file::{is_model, read_report};
@@ -116,13 +117,24 @@ pub fn train(
 
     // Third pass: evidence of every fold by the others, for calibration and threshold.
     let kept = kept_stretches(&used, stretches);
-    let mut evidence: Vec<(&LearntView, Vec<Vec<KeptEvidence>>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
+    let mut evidence: Vec<(&LearntView, Vec<(usize, Vec<KeptEvidence>)>)> =
+        learnt.iter().map(|v| (v, Vec::new())).collect();
     let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
     pass(PASSES[2]).each_view(&mut evidence, keeps, |number, aligned, (view, stretches)| {
         let evidence = aligned.evidence(&view.by_others[fold_of(number)]);
-        stretches.push(evidence.into_iter().map(KeptEvidence::from).collect());
+        stretches.push((number, evidence.into_iter().map(KeptEvidence::from).collect()));
     })?;
-    let held: Vec<Held> = evidence.into_iter().map(|(_, stretches)| Held::new(stretches, pitch_mm)).collect();
+    // Views are joined stretch by stretch: where one has lost its lines, the others do not count either.
+    let numbers = |(_, stretches): &(_, Vec<(usize, _)>)| stretches.iter().map(|(number, _)| *number).collect();
+    let of_views: Vec<BTreeSet<usize>> = evidence.iter().map(numbers).collect();
+    let in_all = |number: &usize| of_views.iter().all(|numbers| numbers.contains(number));
+    let held: Vec<Held> = evidence
+        .into_iter()
+        .map(|(_, stretches)| {
+            stretches.into_iter().filter(|(number, _)| in_all(number)).map(|(_, kept)| kept).collect()
+        })
+        .map(|stretches| Held::new(stretches, pitch_mm))
+        .collect();
     let too_little = || too_little(aligned_m, 2.0 * LEAST_M);
     let mut learnt: Vec<ViewAppearance> = learnt.into_iter().map(|view| view.whole).collect();
     let mut scored = cross_scored(&learnt, &held, acquisition.rope.strands(), pitch_mm).ok_or_else(too_little)?;
