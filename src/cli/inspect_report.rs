@@ -187,7 +187,7 @@ impl Report {
         let total_m = self.summary.covered_view_m + length(gaps);
         writeln!(f, "not covered {:.2} of {total_m:.2} m, summed over the views", length(gaps))?;
         for gap in gaps.iter().take(MOST_GAPS) {
-            writeln!(f, "  view {}    metre {:.2} to {:.2}: {}", gap.view, gap.from_m, gap.to_m, gap.reason)?;
+            writeln!(f, "  view {}    metre {:.3} to {:.3}: {}", gap.view, gap.from_m, gap.to_m, gap.reason)?;
         }
         if gaps.len() > MOST_GAPS {
             writeln!(f, "  and {:.2} m more in summary.json", length(&gaps[MOST_GAPS..]))?;

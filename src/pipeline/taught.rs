@@ -16,6 +16,7 @@ use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::kept_evidence::KeptSeen;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 
 /// Memory for the evidence of stretches that calibrate; what is made of it takes half as much again.
 const MOST_EVIDENCE_BYTES: usize = 350_000_000;
@@ -75,12 +76,19 @@ impl<'a> Taught<'a> {
 
         // Third pass: evidence of every fold by the others, for calibration and threshold.
         let kept = kept_stretches(&used, stretches);
-        let mut seen: Vec<(&LearntView, Vec<KeptSeen>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
+        let mut seen: Vec<(&LearntView, Vec<(usize, KeptSeen)>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
         let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
         pass(PASSES[2]).each_view(&mut seen, keeps, |number, aligned, (view, stretches)| {
-            stretches.push(aligned.seen_by(&view.by_others[fold_of(number)]).into());
+            stretches.push((number, aligned.seen_by(&view.by_others[fold_of(number)]).into()));
         })?;
-        let held: Vec<Held> = seen.into_iter().map(|(_, stretches)| Held::new(stretches, pitch_mm)).collect();
+        // Views are joined stretch by stretch: where one has lost its lines, the others do not count either.
+        let numbers = |(_, stretches): &(_, Vec<(usize, _)>)| stretches.iter().map(|(number, _)| *number).collect();
+        let of_views: Vec<BTreeSet<usize>> = seen.iter().map(numbers).collect();
+        let in_all = |number: &usize| of_views.iter().all(|numbers| numbers.contains(number));
+        let of_view = |(_, stretches): (_, Vec<(usize, KeptSeen)>)| {
+            stretches.into_iter().filter(|(number, _)| in_all(number)).map(|(_, kept)| kept).collect()
+        };
+        let held: Vec<Held> = seen.into_iter().map(|view| Held::new(of_view(view), pitch_mm)).collect();
         let learnt = learnt.into_iter().map(|view| view.whole).collect();
         Ok(Self { acquisition, used, given_view_m, learnt_view_m, bandwidths: fit, learning_curve, learnt, held })
     }

@@ -261,3 +261,99 @@ fn between(values: &[f32], run: &Range<usize>) -> Vec<f32> {
     let length = run.len() as f32 + 3.0;
     run.clone().map(|k| left + (right - left) * ((k - run.start) as f32 + 2.0) / length).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIDTH: usize = 400;
+    const ROPE: Range<usize> = 50..350;
+
+    /// A stretch of wires that wander over the sensor, brighter in the middle, before a dark background.
+    fn stretch(number: usize, fault: impl Fn(usize, f32) -> f32) -> GrayImage {
+        let mut pixels = Vec::new();
+        for line in 2000 * number..2000 * (number + 1) {
+            for column in 0..WIDTH {
+                let (c, l) = (column as f32, line as f32);
+                let wires = 1.0 + 0.4 * (0.24 * c + 0.013 * l).sin() + 0.2 * (0.031 * c - 0.0071 * l).sin();
+                let body = 90.0 * (1.0 - ((c - 200.0) / 180.0).powi(2));
+                let light = if ROPE.contains(&column) { body * wires } else { 8.0 };
+                let noise = ((line * 31 + column * 17) % 5) as f32 - 2.0;
+                pixels.push((fault(column, light) + noise).clamp(0.0, 255.0) as u8);
+            }
+        }
+        GrayImage::new(WIDTH, pixels).unwrap()
+    }
+
+    fn learnt(fault: impl Fn(usize, f32) -> f32) -> Columns {
+        let mut columns = Columns::default();
+        for number in 0..6 {
+            columns.read(&stretch(number, &fault), &LostLines::default());
+        }
+        columns.learn(6000);
+        columns
+    }
+
+    /// Greatest mean difference of some columns from what a sensor without fault sees, after they were set right.
+    fn off(columns: &Columns, fault: impl Fn(usize, f32) -> f32, looked_at: Range<usize>) -> f32 {
+        let (truth, mut image) = (stretch(7, |_, light| light), stretch(7, fault));
+        columns.set_right(&mut image);
+        let mean = |column: usize| {
+            let off = |line: usize| f32::from(image.line(line)[column].abs_diff(truth.line(line)[column]));
+            (0..2000).map(off).sum::<f32>() / 2000.0
+        };
+        looked_at.map(mean).fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn a_sensor_without_fault_is_left_as_it_is_vignetting_and_broad_shadows_too() {
+        assert!(!learnt(|_, light| light).is_faulty());
+        let edges = |column: usize, light: f32| light * (1.0 - 0.3 * ((column as f32 - 200.0) / 200.0).powi(2));
+        assert!(!learnt(edges).is_faulty());
+        assert!(!learnt(|column, light| if (100..140).contains(&column) { 0.7 * light } else { light }).is_faulty());
+    }
+
+    #[test]
+    fn dust_a_tired_and_a_hot_column_are_set_right() {
+        let fault = |column: usize, light: f32| match column {
+            120 | 126 => 0.85 * light,
+            121..126 => 0.7 * light,
+            180 => 0.78 * light,
+            230 => light + 16.0,
+            _ => light,
+        };
+        let columns = learnt(fault);
+        assert!(off(&Columns::default(), fault, 120..231) > 14.0);
+        assert!(off(&columns, fault, 118..129) < 5.0, "{}", off(&columns, fault, 118..129));
+        assert!(off(&columns, fault, 170..240) < 4.0, "{}", off(&columns, fault, 170..240));
+        assert_eq!(columns.not_judged(), []);
+    }
+
+    #[test]
+    fn stuck_columns_are_drawn_from_their_neighbours_and_not_judged() {
+        let fault = |column: usize, light: f32| match column {
+            150 | 152 => 0.0,
+            260 => 90.0, // what is usual there
+            _ => light,
+        };
+        let columns = learnt(fault);
+        assert_eq!(columns.not_judged(), [148..155, 258..263]);
+        assert!(off(&columns, fault, 140..270) < 8.0, "{}", off(&columns, fault, 140..270));
+    }
+
+    #[test]
+    fn what_only_one_half_of_the_rope_shows_is_the_ropes_and_little_rope_says_nothing() {
+        let mut columns = Columns::default();
+        let dust = |column: usize, light: f32| if (121..126).contains(&column) { 0.7 * light } else { light };
+        for number in 0..6 {
+            let image = if number % 2 == 0 { stretch(number, dust) } else { stretch(number, |_, light| light) };
+            columns.read(&image, &LostLines::default());
+        }
+        columns.learn(6000);
+        assert!(!columns.is_faulty());
+        let mut columns = Columns::default();
+        (0..2).for_each(|number| columns.read(&stretch(number, dust), &LostLines::default()));
+        columns.learn(6000);
+        assert!(!columns.is_faulty());
+    }
+}
