@@ -4,6 +4,9 @@ use super::filtering::TOGETHER;
 
 /// What another view's score counts where this view sees the place, but too obliquely to judge as well.
 const OTHER_VIEW_SHARE: f32 = 0.95;
+/// The same of what a closer look adds: a patch that is seen obliquely tells less, and what is taken for damage in vain must not count in
+/// every view.
+const OTHER_LOOK_SHARE: f32 = 0.5;
 /// Blocks to either side that a block's score is settled with.
 const SETTLING_BLOCKS: usize = 10;
 /// Share of that mean in the settled score.
@@ -105,16 +108,16 @@ impl StretchScores {
 /// Joins what several views say of the same places: each view takes over what another one scores higher, where it sees the
 /// place itself. A break at the edge of one view is often in the middle of the next.
 pub fn join_views(views: &mut [Option<StretchScores>], strands: usize) {
-    join(views, |view| &mut view.cells);
-    join(views, |view| &mut view.added);
+    join(views, OTHER_VIEW_SHARE, |view| &mut view.cells);
+    join(views, OTHER_LOOK_SHARE, |view| &mut view.added);
     for view in views.iter_mut().flatten() {
         let row = strands * view.places;
         view.find_peaks(row);
     }
 }
 
-/// Joins one of the tables of all views.
-fn join(views: &mut [Option<StretchScores>], table: impl Fn(&mut StretchScores) -> &mut Vec<f32>) {
+/// Joins one of the tables of all views; the highest counts so much in the others.
+fn join(views: &mut [Option<StretchScores>], share: f32, table: impl Fn(&mut StretchScores) -> &mut Vec<f32>) {
     let mut best: Vec<f32> = Vec::new();
     for view in views.iter_mut().flatten() {
         let own = table(view);
@@ -125,7 +128,7 @@ fn join(views: &mut [Option<StretchScores>], table: impl Fn(&mut StretchScores) 
         let seen = std::mem::take(&mut view.seen);
         for ((score, &seen), &best) in table(view).iter_mut().zip(&seen).zip(&best) {
             if seen && best.is_finite() {
-                *score = score.max(OTHER_VIEW_SHARE * best);
+                *score = score.max(share * best);
             }
         }
         view.seen = seen;
