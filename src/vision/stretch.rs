@@ -30,8 +30,9 @@ const PIXELS_PER_INDEPENDENT_LANG: f64 = 750.0;
 
 /// Share of the lines that were not lost that must show both edges.
 const LEAST_FOUND: f64 = 0.4;
-/// Share of the lines of a stretch that must not be lost.
-const LEAST_SEEN: f64 = 0.25;
+/// Share of the lines of a stretch that must not be lost. Measured with two views of 240 px: beside a gap of 3000 lines in both, 48 % of a
+/// stretch are judged as usual, 39 % were laid so badly that they looked like damage.
+const LEAST_SEEN: f64 = 0.45;
 
 /// One view of a stretch.
 #[derive(Debug, Clone, Default)]
