@@ -28,8 +28,8 @@ pub struct Lasting {
 }
 
 impl Lasting {
-    /// Nothing is raised.
-    pub const NEVER: Self = Self { cut: 0.0, from: f32::NEG_INFINITY, rise: 0.0 };
+    /// Nothing is raised. `from` is the lowest number, not infinity, which a model file cannot hold.
+    pub const NEVER: Self = Self { cut: 0.0, from: f32::MIN, rise: 0.0 };
 
     /// Compares both on stretches of intact rope in all views. `None` if nothing of them was judged.
     pub fn calibrate<'a>(stretches: impl Iterator<Item = &'a StretchScores> + Clone, block_mm: f64) -> Option<Self> {
