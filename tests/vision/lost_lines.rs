@@ -5,7 +5,7 @@ use ropescope::pipeline::progress::Quiet;
 use ropescope::pipeline::results::Summary;
 use ropescope::pipeline::source::{Frame, SourceError};
 use ropescope::pipeline::{
-    Acquisition, Budget, FrameFiles, FrameSource, InspectOptions, TrainReport, TrainingRange, inspect, train,
+    Acquisition, FrameFiles, FrameSource, InspectOptions, TrainOptions, TrainReport, TrainingRange, inspect, train,
 };
 use ropescope::simulate::{Recipe, Scene, write_acquisition};
 use std::collections::BTreeMap;
@@ -69,7 +69,7 @@ impl FrameSource for Losing<'_> {
 
 fn learn(acquisition: &Acquisition, source: &dyn FrameSource, model: &Path) -> TrainReport {
     let range = TrainingRange { name: "rope", acquisition, source, from_m: None, to_m: None };
-    train(&[range], Budget::default(), model, &Quiet).unwrap()
+    train(&[range], TrainOptions::default(), model, &Quiet).unwrap()
 }
 
 /// Line scores by view and line, and the summary.
