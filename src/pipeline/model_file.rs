@@ -148,7 +148,9 @@ impl Model {
             let gray = gray.ok_or_else(|| wrong_size("appearance"))?;
             let mut usual =
                 || Usual::from_tables([table(CELLS)?, table(CELLS)?]).ok_or_else(|| wrong_size("appearance"));
-            let further = FACTORS.iter().map(|_| usual()).collect::<Result<_, _>>()?;
+            // As many as are calibrated beside the gray value: a model may be cut down to that.
+            let known = FACTORS.len().min(factors.len().saturating_sub(1));
+            let further = (0..known).map(|_| usual()).collect::<Result<_, _>>()?;
             let filter = |numbers: &Option<CalibrationNumbers>| {
                 numbers.as_ref().map(|n| n.calibration().ok_or_else(|| wrong_size("calibration"))).transpose()
             };

@@ -199,7 +199,7 @@ mod tests {
         assert_eq!(defects, same);
         let changed = clean.iter().zip(&littered).filter(|(a, b)| a.abs_diff(**b) > 12).count() as f64;
         let share = changed / clean.len() as f64;
-        assert!(share > 0.002 && share < 0.1, "{share} of the pixels");
+        assert!(share > 0.001 && share < 0.1, "{share} of the pixels");
         // Beads and lumps are brighter than the wires under them, flakes darker.
         assert!(clean.iter().zip(&littered).any(|(a, b)| *b > a.saturating_add(60)));
         assert!(clean.iter().zip(&littered).any(|(a, b)| *a > b.saturating_add(60)));
