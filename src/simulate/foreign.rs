@@ -195,12 +195,12 @@ mod tests {
             let scene = Scene::new(&recipe, 5).unwrap();
             (render(&scene, 0, 0), scene.defects().to_vec())
         };
-        let ((clean, defects), (littered, same)) = (with(0.0), with(40.0));
+        let ((clean, defects), (littered, same)) = (with(0.0), with(100.0));
         assert_eq!(defects, same);
         let changed = clean.iter().zip(&littered).filter(|(a, b)| a.abs_diff(**b) > 12).count() as f64;
         let share = changed / clean.len() as f64;
-        assert!(share > 0.001 && share < 0.1, "{share} of the pixels");
-        // Beads and lumps are brighter than the wires under them, flakes darker.
+        assert!(share > 0.002 && share < 0.25, "{share} of the pixels");
+        // Paint and beads are brighter than the wires under them, flakes and specks darker.
         assert!(clean.iter().zip(&littered).any(|(a, b)| *b > a.saturating_add(60)));
         assert!(clean.iter().zip(&littered).any(|(a, b)| *a > b.saturating_add(60)));
     }
