@@ -56,7 +56,7 @@ impl Cards<'_> {
         let Some(alarm) = defect.worst() else { return Ok(()) };
         let Recording { acquisition, frames, .. } = self.recording;
         let map = |frame: usize| results.join(format!("maps/view{}/frame_{frame:06}.png", alarm.view));
-        let maps = FrameFiles::new(acquisition.sensor_px, vec![(0..frames.frames(alarm.view)).map(map).collect()]);
+        let maps = FrameFiles::of_maps(acquisition.sensor_px, vec![(0..frames.frames(alarm.view)).map(map).collect()]);
         let stop = StopOnly(self.watcher);
         let seen = match closeup(acquisition, frames, &maps, model, alarm, self.given_contours, &stop) {
             Ok(seen) => seen,
