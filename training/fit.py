@@ -46,13 +46,16 @@ def options(seed):
         "oscillation-px": round(chance.uniform(2, 14), 1), "oil-spots-per-m": chance.choice([0, 0.5, 1, 2, 4]),
         "water": chance.choice([0, 0, 0, 0.05, 0.15]), "scratches-per-m": chance.choice([0, 1, 3, 8]),
         "debris-per-m": chance.choice([0, 2, 6, 10, 10]), "light-drift": chance.choice([0, 0.05, 0.1, 0.2]),
-        "background": chance.choice(["dark", "dark", "dark", "bright"]),
+        "background": chance.choice(["dark", "dark", "dark", "bright"]), "gloss": round(chance.uniform(0.4, 1.8), 2),
+        "lamp-spread": round(chance.uniform(0.5, 1.6), 2), "blur-px": round(chance.uniform(0.4, 0.9), 2),
+        "defect-variety": round(chance.uniform(0, 1), 2), "vignetting": round(chance.uniform(0.05, 0.35), 2),
+        "bad-columns": chance.choice([0, 1, 1, 3]), "strand-jitter-rad": round(chance.uniform(0.02, 0.05), 3),
     }
     return lays + [word for key, value in chosen.items() for word in (f"--{key}", str(value))]
 
 
 def patches(seed, data, program):
-    """Patches, scores, whether they show damage, and which defect, of one rope."""
+    """Patches, scores, whether they show damage, which defect and where, of one rope."""
     folder, kept = data / f"rope{seed}", data / f"rope{seed}.npz"
     if not kept.exists():
         run = lambda *words: subprocess.run([str(w) for w in words], check=True, capture_output=True)
@@ -70,10 +73,10 @@ def patches(seed, data, program):
             defect[inside] = label["defect"]
         told = (damage >= 0) & (line > (TRAIN_M * 1000 + 100) * 10)
         values = rows[told, 4:].reshape(-1, BLOCKS, PLACES, LAYERS).astype(np.float16)
-        np.savez(kept, values=values, score=score[told], damage=damage[told], defect=seed * 1000 + defect[told])
+        np.savez(kept, values=values, score=score[told], damage=damage[told], defect=seed * 1000 + defect[told], line=line[told])
         subprocess.run(["rm", "-r", folder])
     found = np.load(kept)
-    return found["values"], found["score"], found["damage"], found["defect"]
+    return tuple(found[name] for name in ("values", "score", "damage", "defect", "line"))
 
 
 def start(key):
@@ -137,7 +140,7 @@ def weights_of(score, damage, defect):
 
 
 def fit(taught, epochs, seed, batch=512):
-    values, score, damage, defect = taught
+    values, score, damage, defect, _ = taught
     counts = weights_of(score, damage, defect)
     rng = np.random.default_rng(seed)
     layers = start(jax.random.PRNGKey(seed))

@@ -145,6 +145,15 @@ pub(crate) struct SimulateArgs {
     /// Brightness, 1 is as usual [default: 1]
     #[arg(long, value_name = "RATIO", help_heading = "Service")]
     exposure: Option<f64>,
+    /// How strongly wires gleam, 1 is as usual [default: 1]
+    #[arg(long, value_name = "RATIO", help_heading = "Cameras")]
+    gloss: Option<f64>,
+    /// How far the lamps stand to the sides of the camera, 1 is as usual [default: 1]
+    #[arg(long, value_name = "RATIO", help_heading = "Cameras")]
+    lamp_spread: Option<f64>,
+    /// Blur of the lens: sd [default: 0.55]
+    #[arg(long, value_name = "PX", help_heading = "Cameras")]
+    blur_px: Option<f64>,
     /// Farthest drift of the light along the rope, 0.1 is 10 % [default: 0.12, artificial 0]
     #[arg(long, value_name = "RATIO", help_heading = "Service")]
     light_drift: Option<f64>,
@@ -161,6 +170,9 @@ pub(crate) struct SimulateArgs {
     /// No defect before this metre of the acquisition: the part to train on [default: 0]
     #[arg(long, value_name = "M", help_heading = "Defects")]
     defect_free_m: Option<f64>,
+    /// How far defects of one kind differ in look and size, 0 to 1 [default: 0]
+    #[arg(long, value_name = "0..1", help_heading = "Defects")]
+    defect_variety: Option<f64>,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -205,6 +217,7 @@ impl SimulateArgs {
         take!(strand_jitter_rad, line_pitch_mm, frame_lines, sensor_px, rope_width_px, camera_distance_mm, start_m);
         take!(gray_noise, contour_noise_px, bad_columns, oscillation_px, encoder_jitter_mm, dirt, oil_spots_per_m);
         take!(water, scratches_per_m, debris_per_m, exposure, light_drift, vignetting, defects, defect_free_m);
+        take!(gloss, lamp_spread, blur_px, defect_variety);
         if let Some(views) = self.views {
             recipe.view_angles_deg = Recipe::evenly_spaced(views);
         }

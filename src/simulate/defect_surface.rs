@@ -1,6 +1,6 @@
 //! What defects do to the look of the surface, beside what they do to its shape.
 
-use super::defects::{Defect, DefectKind};
+use super::defects::{Defect, DefectKind, Trait};
 use super::finish::{Coat, Place};
 use super::noise::{Along, surface_noise};
 use super::trace::wrap;
@@ -18,6 +18,7 @@ impl Defect {
         let rough = |cell_mm: f64, across_mm: f32, seed: u32| {
             surface_noise(self.roughness ^ seed, Along::at(place.x_mm, cell_mm), v as f32 / across_mm)
         };
+        let departs = |of: Trait| self.departs(of) as f32;
         match self.kind {
             DefectKind::Corrosion if own_strand => {
                 let wire = place.wire.unwrap_or(usize::MAX);
@@ -37,14 +38,17 @@ impl Defect {
                 let (fine, coarse) =
                     (rough(pits_mm, 0.9 * pits_mm as f32, 2), rough(blooms_mm, 0.65 * blooms_mm as f32, 3));
                 let pit = ((fine - 0.62) * 6.0).clamp(0.0, 1.0);
-                let mean = 0.85 + 0.25 * vary(16) as f32 - 0.45 * severity * (0.4 + 0.6 * vary(24) as f32);
+                let mean = 0.85 + 0.3 * departs(Trait::Brightness) + 0.25 * vary(16) as f32
+                    - 0.45 * severity * (0.4 + 0.6 * vary(24) as f32);
                 let look = mean + 0.5 * (coarse - 0.5) + 0.35 * (fine - 0.5) - 0.5 * pit;
                 coat.albedo *= 1.0 - weight + weight * look.max(0.15);
                 coat.gloss *= 1.0 - weight * (0.55 + 0.4 * severity);
                 weight
             }
             DefectKind::ArcBurn => {
-                let r = ((u * u + v * v).sqrt() / self.half_mm) as f32 + 0.35 * (rough(0.8, 0.7, 4) - 0.5);
+                let longer = (0.7 * self.departs(Trait::Shape)).exp();
+                let r =
+                    (((u / longer).powi(2) + v * v).sqrt() / self.half_mm) as f32 + 0.35 * (rough(0.8, 0.7, 4) - 0.5);
                 if r >= 1.6 {
                     return 0.0;
                 }
@@ -53,24 +57,26 @@ impl Defect {
                 let halo = ((1.6 - r) * 1.6).clamp(0.0, 1.0);
                 let strength = 0.35 + 0.65 * severity;
                 coat.albedo *= 1.0 - 0.3 * halo * strength;
-                coat.albedo *= 1.0 - melted * strength * (0.45 + 0.6 * (rough(0.35, 0.35, 5) - 0.5));
-                coat.albedo += 0.75 * rim * strength;
-                coat.gloss *= 1.0 - 0.6 * melted;
+                let darker = 0.45 + 0.5 * departs(Trait::Brightness);
+                coat.albedo *= 1.0 - melted * strength * (darker + 0.6 * (rough(0.35, 0.35, 5) - 0.5));
+                coat.albedo += 0.75 * (1.0 + departs(Trait::Rim)) * rim * strength;
+                coat.gloss *= 1.0 - (0.6 + departs(Trait::Depth)) * melted;
                 coat.flat = coat.flat.max(0.5 * melted);
                 (melted + 0.5 * halo).min(1.0) * (0.5 + 0.5 * severity)
             }
             DefectKind::Notch => {
                 let slope = 0.4 + f64::from(self.roughness % 100) / 80.0; // 22 to 60 degrees across the rope
                 let (along, across) = ((u * slope.sin() + v * slope.cos()), (u * slope.cos() - v * slope.sin()));
-                let width_mm = 0.2 + 0.35 * self.severity;
+                let width_mm = (0.2 + 0.35 * self.severity) * (0.6 * self.departs(Trait::Shape)).exp();
                 let r = (across / width_mm).abs() as f32;
                 if along.abs() > self.half_mm || r > 2.0 {
                     return 0.0;
                 }
                 let groove = (1.3 - r).clamp(0.0, 1.0);
                 let lip = (1.0 - (r - 1.4).abs() * 2.5).max(0.0);
-                coat.albedo *= 1.0 - (0.4 + 0.45 * severity) * groove;
-                coat.albedo += 0.6 * severity * lip * if across > 0.0 { 1.0 } else { 0.3 };
+                coat.albedo *= 1.0 - ((0.4 + 0.45 * severity) * (1.0 + 0.7 * departs(Trait::Depth))).min(0.95) * groove;
+                coat.albedo +=
+                    0.6 * (1.0 + departs(Trait::Rim)) * severity * lip * if across > 0.0 { 1.0 } else { 0.3 };
                 coat.gloss *= 1.0 - 0.8 * groove;
                 groove.max(lip * severity)
             }
@@ -87,8 +93,9 @@ impl Defect {
                         (v - 0.6 * u) as f32 / 0.13,
                     );
                     coat.flat = coat.flat.max(weight);
-                    coat.albedo *= 1.0 + weight * (0.15 + 0.5 * (scoring - 0.5));
-                    coat.gloss *= 1.0 - 0.5 * weight;
+                    let brighter = 0.15 + 0.35 * departs(Trait::Brightness);
+                    coat.albedo *= 1.0 + weight * (brighter + 0.5 * (1.0 + departs(Trait::Depth)) * (scoring - 0.5));
+                    coat.gloss *= 1.0 - (0.5 + 0.5 * departs(Trait::Rim)) * weight;
                 }
                 weight * (0.5 + 0.5 * severity)
             }
@@ -96,9 +103,15 @@ impl Defect {
                 // the torn face of the wire's end: bright above, dark below
                 let past_mm = self.from_gap_mm(place.x_mm, f64::from(place.psi_rad));
                 let face = (1.0 - past_mm.abs() / 0.35).max(0.0) as f32;
-                coat.albedo *= 1.0 + face * if u < 0.0 { 0.8 } else { -0.6 };
+                let end = if u < 0.0 { 0.8 } else { -0.6 };
+                coat.albedo *= 1.0 + face * (end * (1.0 + departs(Trait::Rim)) + 0.35 * departs(Trait::Brightness));
                 coat.gloss *= 1.0 - 0.7 * face;
                 face
+            }
+            _ if self.breaks_wire() && place.strand == self.strand && place.wire.is_none() => {
+                // what shows in the gap: clean or full of old grease
+                coat.albedo *= (1.2 * departs(Trait::Depth)).exp();
+                0.0
             }
             _ => 0.0,
         }

@@ -78,6 +78,8 @@ pub struct Defect {
     pub angle_rad: f64,
     /// Its own source of roughness.
     pub roughness: u32,
+    /// How far it may differ from others of its kind, 0 to 1.
+    pub variety: f64,
 }
 
 /// Longest reach of a defect from its middle in mm.
@@ -125,7 +127,11 @@ pub fn plant(scene: &Scene) -> Vec<Defect> {
                 DefectKind::Abrasion => 8.0 + 18.0 * severity,
             };
             let angle_rad = outward + (rng.random::<f64>() - 0.5) * 0.3;
-            Defect { id, kind, severity, strand, wire, centre_mm, half_mm, angle_rad, roughness: rng.random() }
+            let (roughness, variety) = (rng.random(), recipe.defect_variety);
+            let as_usual =
+                Defect { id, kind, severity, strand, wire, centre_mm, half_mm, angle_rad, roughness, variety };
+            let half_mm = (half_mm * (0.5 * as_usual.departs(Trait::Length)).exp()).min(REACH_MM - 8.0);
+            Defect { half_mm, ..as_usual }
         })
         .collect()
 }
@@ -142,7 +148,23 @@ pub fn near(defects: &[Defect], from_mm: f64, to_mm: f64) -> Vec<(usize, &Defect
     defects.iter().enumerate().skip(first).take_while(|(_, d)| d.centre_mm - REACH_MM <= to_mm).collect()
 }
 
+/// What defects of one kind may differ in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Trait {
+    Length,
+    Brightness,
+    Rim,
+    Shape,
+    Depth,
+}
+
 impl Defect {
+    /// How far it departs from others of its kind in a trait: as likely less as more, up to its variety.
+    pub(super) fn departs(&self, of: Trait) -> f64 {
+        let chance = self.roughness.rotate_left(6 * of as u32).wrapping_mul(0x9E37_79B1);
+        self.variety * (f64::from(chance) / f64::from(u32::MAX) * 2.0 - 1.0)
+    }
+
     /// Whether any of it is at `x_mm`.
     pub fn reaches(&self, x_mm: f64) -> bool {
         let margin_mm = match self.kind {

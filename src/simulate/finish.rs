@@ -69,6 +69,7 @@ pub struct Finish {
     seed: u32,
     dirt: f32,
     water: f32,
+    gloss: f32,
     radius_mm: f64,
     marks: Vec<Mark>,
     foreign: Vec<Piece>,
@@ -135,6 +136,7 @@ impl Finish {
             seed,
             dirt,
             water,
+            gloss: recipe.gloss as f32,
             radius_mm: recipe.diameter_mm / 2.0,
             marks,
             foreign: foreign::pieces(foreign, recipe),
@@ -182,7 +184,7 @@ impl LineFinish<'_> {
         let dirt = (f.dirt * (0.15 + 1.35 * cover) * (0.45 + 1.5 * place.valley)).min(0.92);
         let mut coat = Coat {
             albedo: (1.0 - 0.7 * dirt) * (1.0 + 0.2 * streak + (0.1 + 0.35 * f.dirt) * grain),
-            gloss: (1.0 - 0.85 * dirt) * (1.0 + 1.3 * streak + 0.4 * grain),
+            gloss: f.gloss * (1.0 - 0.85 * dirt) * (1.0 + 1.3 * streak + 0.4 * grain),
             flat: 0.0,
             cover: None,
         };

@@ -58,10 +58,10 @@ const SHADOW_START: f32 = -0.78 / 0.34;
 const SHADOW_LEFT: f32 = 0.10;
 
 impl Lamps {
-    /// The lamps of every camera head; `tilt` (about 1) differs a little from head to head.
-    pub fn new(tilt: f32) -> Self {
+    /// The lamps of every camera head; `spread` is how far they stand to its sides, about 1.
+    pub fn new(spread: f32) -> Self {
         Self(LAMPS.map(|(direction, strength)| {
-            let to_lamp = unit([direction[0], direction[1] * tilt, direction[2]]);
+            let to_lamp = unit([direction[0], direction[1] * spread, direction[2]]);
             let in_cut = (to_lamp[1] * to_lamp[1] + to_lamp[2] * to_lamp[2]).sqrt();
             Lamp {
                 to_lamp,

@@ -61,7 +61,7 @@ impl<'a> LinePainter<'a> {
             cut: CrossSection::default(),
             trace: Trace::new(scene.camera(), sensor_px),
             shadows: Shadows::default(),
-            lamps: Lamps::new(1.0 + 0.06 * (view as f32 * 2.4).sin()),
+            lamps: Lamps::new(scene.recipe().lamp_spread as f32 * (1.0 + 0.06 * (view as f32 * 2.4).sin())), // no two heads are alike
             wire_light: Vec::new(),
             backdrop: Backdrop::new(scene.recipe().background, sensor_px, view),
             gray: vec![0.0; sensor_px as usize * RAYS_PER_PX],

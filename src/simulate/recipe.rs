@@ -87,6 +87,12 @@ pub struct Recipe {
     pub debris_per_m: f64,
     /// Exposure; 1 is as bright as a camera head is usually set.
     pub exposure: f64,
+    /// How strongly wires gleam; 1 is as usual.
+    pub gloss: f64,
+    /// How far the lamps stand to the sides of the camera; 1 is as usual.
+    pub lamp_spread: f64,
+    /// Blur of the lens in px (sd).
+    pub blur_px: f64,
     /// Farthest relative drift of the light along the rope.
     pub light_drift: f64,
     /// Light lost at the ends of the sensor, 0 to 1.
@@ -99,6 +105,8 @@ pub struct Recipe {
     pub defects: usize,
     /// No defect before this many metres (the training part).
     pub defect_free_m: f64,
+    /// How far defects of one kind differ in look and size, 0 to 1.
+    pub defect_variety: f64,
 }
 
 impl Recipe {
@@ -136,12 +144,16 @@ impl Recipe {
             scratches_per_m: 3.0,
             debris_per_m: 0.0,
             exposure: 1.0,
+            gloss: 1.0,
+            lamp_spread: 1.0,
+            blur_px: 0.55,
             light_drift: 0.12,
             vignetting: 0.18,
             bad_columns: 1,
             background: Background::Dark,
             defects: 0,
             defect_free_m: 0.0,
+            defect_variety: 0.0,
         }
     }
 

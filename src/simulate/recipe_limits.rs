@@ -80,10 +80,14 @@ impl Recipe {
             ("scratches_per_m", self.scratches_per_m, 0.0, 1000.0),
             ("debris_per_m", self.debris_per_m, 0.0, 1000.0),
             ("exposure", self.exposure, 0.05, 5.0),
+            ("gloss", self.gloss, 0.0, 4.0),
+            ("lamp_spread", self.lamp_spread, 0.0, 3.0),
+            ("blur_px", self.blur_px, 0.1, 1.0),
             ("light_drift", self.light_drift, 0.0, 0.9),
             ("vignetting", self.vignetting, 0.0, 0.9),
             ("bad_columns", self.bad_columns as f64, 0.0, f64::from(self.sensor_px) / 8.0),
             ("defect_free_m", self.defect_free_m, 0.0, self.metres),
+            ("defect_variety", self.defect_variety, 0.0, 1.0),
         ];
         for (option, value, min, max) in checks {
             if !(value >= min && value <= max) {

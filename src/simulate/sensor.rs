@@ -5,8 +5,6 @@ use super::recipe::Recipe;
 use super::trace::RAYS_PER_PX;
 use rand::Rng;
 
-/// Blur of the lens in px (sd).
-const BLUR_PX: f32 = 0.55;
 /// Noise grows with light: sd = gray_noise * sqrt(1 + gray / this).
 const SHOT_GRAY: f32 = 40.0;
 /// Rays on each side of a pixel's centre that the blur gathers.
@@ -44,7 +42,7 @@ impl SensorPattern {
         let mut weights = [0.0; 2 * GATHER];
         for (k, weight) in weights.iter_mut().enumerate() {
             let away_px = (k as f32 + 0.5 - GATHER as f32) / RAYS_PER_PX as f32;
-            *weight = (-0.5 * (away_px / BLUR_PX).powi(2)).exp();
+            *weight = (-0.5 * (away_px / recipe.blur_px as f32).powi(2)).exp();
         }
         let sum: f32 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w /= sum);
