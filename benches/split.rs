@@ -128,7 +128,7 @@ fn evidence(
             block_lines: block_lines(acquisition.line_pitch_mm),
             pitch_mm: acquisition.line_pitch_mm,
         };
-        Some(seen.seen_by(&model.views[v]))
+        Some(seen.seen_by(&model.views[v], 0))
     };
     let of_stretch = |stretch| (0..model.views.len()).into_par_iter().map(|v| of_view(stretch, v)).collect();
     aligned.iter().map(of_stretch).collect()

@@ -65,10 +65,10 @@ fn write_view(
     let (Ok(estimates), true) = (&stretch.estimates, view.usable()) else { return Ok(()) };
     let block_lines = block_lines(pitch_mm);
     let aligned = AlignedView { rope, camera, estimates, view, block_lines, pitch_mm };
-    let seen = aligned.seen_by(model);
+    let seen = aligned.seen_by(model, 0);
     let scores = model.score(&seen.evidence, pitch_mm);
     let (mut patch, mut map) = (Patch::default(), aligned.surface_map());
-    for suspect in suspects(&scores, rope.strands()) {
+    for suspect in suspects(&scores, rope.strands(), 0) {
         let Suspect { block, strand, place, score, .. } = suspect;
         let line = (block * block_lines + block_lines / 2).min(view.image.lines() - 1);
         let (mut columns, mut pixels) = (0.0, 0.0);

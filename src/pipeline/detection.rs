@@ -12,11 +12,13 @@ use crate::vision::aligner::AlignedStretch;
 use crate::vision::camera::Camera;
 use crate::vision::defects::{AlarmBuilder, Defect, merge};
 use crate::vision::evidence::block_lines;
-use crate::vision::inspection_model::AlignedView;
+use crate::vision::inspection_model::{AlignedView, Seen};
 use crate::vision::judging::Judging;
+use crate::vision::margins::MARGIN_BLOCKS;
 use crate::vision::stretch_scores::StretchScores;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Gathers what a model finds, stretch after stretch.
 pub(super) struct Detection<'a> {
@@ -30,6 +32,23 @@ pub(super) struct Detection<'a> {
     so_far: DefectsSoFar,
     line_scores: LineValues,
     intact: IntactRope,
+    waiting: Option<Waiting>,
+}
+
+/// A stretch that was seen, and is not judged before the end of the next one is seen, too.
+struct Waiting {
+    stretch: Arc<AlignedStretch>,
+    cameras: Vec<Camera>,
+    /// `[view]`.
+    seen: Vec<Option<Seen>>,
+}
+
+/// What was told of a stretch.
+pub(super) struct Judged {
+    /// The line after its last.
+    pub end_line: usize,
+    /// Its likelihood maps, one a view; empty if they are not wanted.
+    pub maps: Vec<LikelihoodMap>,
 }
 
 /// What a model found on the whole rope.
@@ -65,43 +84,56 @@ impl<'a> Detection<'a> {
             so_far: DefectsSoFar::default(),
             line_scores,
             intact: IntactRope::default(),
+            waiting: None,
         }
     }
 
-    /// Scores a stretch; answers its likelihood maps if they are wanted.
+    /// Looks at a stretch, and judges the one before it. Likelihood maps are drawn if they are wanted.
     pub fn take(
         &mut self,
-        stretch: &AlignedStretch,
+        stretch: Arc<AlignedStretch>,
         cameras: &[Camera],
         maps: bool,
-    ) -> Result<Vec<LikelihoodMap>, PipelineError> {
-        let rope = &self.acquisition.rope;
+    ) -> Result<Option<Judged>, PipelineError> {
+        let mut seen: Vec<Option<Seen>> = (self.model.views.par_iter().enumerate())
+            .map(|(v, model)| Some(aligned_view(self.acquisition, &stretch, cameras, v)?.seen_by(model, MARGIN_BLOCKS)))
+            .collect();
+        let judged = match self.waiting.take() {
+            None => None,
+            Some(mut before) => {
+                if before.stretch.first_line + before.stretch.lines == stretch.first_line {
+                    for (seen, before) in seen.iter_mut().zip(&mut before.seen) {
+                        if let (Some(seen), Some(before)) = (seen, before) {
+                            seen.follows(before);
+                        }
+                    }
+                }
+                Some(self.judge(before, maps)?)
+            }
+        };
+        self.waiting = Some(Waiting { stretch, cameras: cameras.to_vec(), seen });
+        Ok(judged)
+    }
+
+    /// Judges the last stretch, which nothing follows.
+    pub fn take_last(&mut self, maps: bool) -> Result<Option<Judged>, PipelineError> {
+        self.waiting.take().map(|last| self.judge(last, maps)).transpose()
+    }
+
+    fn judge(&mut self, Waiting { stretch, cameras, seen }: Waiting, maps: bool) -> Result<Judged, PipelineError> {
+        let strands = self.acquisition.rope.strands();
         let pitch_mm = self.acquisition.line_pitch_mm;
         let (model, threshold) = (self.model, self.threshold);
-        let aligned = |v: usize| {
-            let view = &stretch.views[v];
-            let estimates = stretch.estimates.as_ref().ok().filter(|_| view.usable())?;
-            Some(AlignedView {
-                rope,
-                camera: &cameras[v],
-                estimates,
-                view,
-                block_lines: block_lines(pitch_mm),
-                pitch_mm,
-            })
-        };
-        let mut scored: Vec<Option<StretchScores>> = (0..self.builders.len())
-            .into_par_iter()
-            .map(|v| {
-                let seen = aligned(v)?.seen_by(&model.views[v]);
-                Some(self.judging.score(&model.views[v], &seen, rope.strands(), pitch_mm))
-            })
+        let aligned = |v: usize| aligned_view(self.acquisition, &stretch, &cameras, v);
+        let mut scored: Vec<Option<StretchScores>> = (seen.into_par_iter().zip(&model.views))
+            .map(|(seen, view)| Some(self.judging.score(view, &seen?, strands, pitch_mm)))
             .collect();
-        self.judging.join(&mut scored, rope.strands());
+        self.judging.join(&mut scored, strands);
         let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
         for scores in scored.iter_mut().flatten() {
             model.lasting.raise(scores, block_mm);
             scores.add_closer_look();
+            scores.cut_margins(MARGIN_BLOCKS);
         }
         self.intact.add(&scored, model.report.threshold, block_mm);
         let sensor_px = self.acquisition.sensor_px as usize;
@@ -137,7 +169,7 @@ impl<'a> Detection<'a> {
             self.line_scores.append(v, (0..stretch.lines).map(of_line))?;
             images.push(map);
         }
-        Ok(images)
+        Ok(Judged { end_line: stretch.first_line + stretch.lines, maps: images })
     }
 
     /// What is new among the defects when everything before `next_line` was taken.
@@ -172,6 +204,19 @@ impl<'a> Detection<'a> {
             line_scores: self.line_scores,
         }
     }
+}
+
+/// A view of a stretch as models look at it; `None` where it cannot be judged.
+fn aligned_view<'a>(
+    acquisition: &'a Acquisition,
+    stretch: &'a AlignedStretch,
+    cameras: &'a [Camera],
+    v: usize,
+) -> Option<AlignedView<'a>> {
+    let (view, pitch_mm) = (&stretch.views[v], acquisition.line_pitch_mm);
+    let estimates = stretch.estimates.as_ref().ok().filter(|_| view.usable())?;
+    let block_lines = block_lines(pitch_mm);
+    Some(AlignedView { rope: &acquisition.rope, camera: &cameras[v], estimates, view, block_lines, pitch_mm })
 }
 
 /// Those places that share no line with a defect: the others are the defects themselves, a little longer. Both run along the rope.

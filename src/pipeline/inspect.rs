@@ -1,7 +1,7 @@
 //! Aligns, measures and, with a model, finds defects; writes the results folder.
 
 use super::coverage::Coverage;
-use super::detection::Detection;
+use super::detection::{Detection, Judged};
 use super::diameters::{DiameterExtremes, DiameterSummary};
 use super::drive::Drive;
 use super::fit::ModelFit;
@@ -84,6 +84,14 @@ pub fn inspect(
         progress.found(Found { lay_lengths: rows, defects: None });
         Ok(())
     };
+    let mut judged = |detection: &mut Detection<'_>, judged: Option<Judged>| {
+        let Some(Judged { end_line, maps: drawn }) = judged else { return Ok(()) };
+        if let Some(maps) = &mut maps {
+            maps.append(drawn)?;
+        }
+        progress.found(Found { lay_lengths: Vec::new(), defects: Some(detection.so_far(end_line)) });
+        Ok(())
+    };
     drive.run_telling(&mut reader, tell, |stretch, cameras| {
         for (v, view) in stretch.views.iter().enumerate() {
             let aligned = stretch.estimates.is_ok() && view.usable();
@@ -92,15 +100,15 @@ pub fn inspect(
         }
         coverage.add(&stretch, acquisition.line_pitch_mm);
         if let Some(detection) = &mut detection {
-            let images = detection.take(&stretch, cameras, maps.is_some())?;
-            if let Some(maps) = &mut maps {
-                maps.append(images)?;
-            }
-            let defects = detection.so_far(stretch.first_line + stretch.lines);
-            progress.found(Found { lay_lengths: Vec::new(), defects: Some(defects) });
+            let before = detection.take(stretch.into(), cameras, options.maps)?;
+            judged(detection, before)?;
         }
         Ok(())
     })?;
+    if let Some(detection) = &mut detection {
+        let last = detection.take_last(options.maps)?;
+        judged(detection, last)?;
+    }
     let total_m = reader.lines() as f64 * acquisition.line_pitch_mm / 1000.0;
     lay_lengths.finish()?;
     displacement.write_csv("displacement.csv", "view,line,displacement_px", true, 3)?;

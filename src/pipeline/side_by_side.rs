@@ -9,6 +9,7 @@ use super::{Acquisition, FrameSource, PipelineError, Progress};
 use crate::vision::judging::Judging;
 use rayon::prelude::*;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Somebody who judges, and where the findings go.
 pub struct Judge<'a> {
@@ -37,9 +38,11 @@ pub fn judge_all(
         detections.push(Detection::new(acquisition, (model, *judging), &model.report.decides_by(None), line_scores));
     }
     drive.run(&mut reader, |stretch, cameras| {
-        detections.par_iter_mut().try_for_each(|detection| detection.take(&stretch, cameras, false).map(drop))
+        let stretch = Arc::new(stretch);
+        detections.par_iter_mut().try_for_each(|detection| detection.take(stretch.clone(), cameras, false).map(drop))
     })?;
-    for (judge, detection) in judges.iter().zip(detections) {
+    for (judge, mut detection) in judges.iter().zip(detections) {
+        detection.take_last(false)?;
         let found = detection.finish();
         found.line_scores.write_binary("line_scores")?;
         write_json(&judge.results.join("defects.json"), &found.defects)?;

@@ -79,7 +79,7 @@ impl<'a> Taught<'a> {
         let mut seen: Vec<(&LearntView, Vec<(usize, KeptSeen)>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
         let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
         pass(PASSES[2]).each_view(&mut seen, keeps, |number, aligned, (view, stretches)| {
-            stretches.push((number, aligned.seen_by(&view.by_others[fold_of(number)]).into()));
+            stretches.push((number, aligned.seen_by(&view.by_others[fold_of(number)], 0).into()));
         })?;
         // Views are joined stretch by stretch: where one has lost its lines, the others do not count either.
         let numbers = |(_, stretches): &(_, Vec<(usize, _)>)| stretches.iter().map(|(number, _)| *number).collect();

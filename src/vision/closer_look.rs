@@ -4,11 +4,10 @@
 //! about it decides how high it scores. So the network looks at a thousandth of the rope, and what nobody suspects costs nothing.
 
 use super::damage::Network;
-use super::evidence::Evidence;
+use super::inspection_model::Seen;
 use super::patch::Patch;
 use super::stretch_scores::StretchScores;
 use super::surface_map::PLACES_PER_WIRE;
-use super::unrolled::Unrolled;
 
 /// Score from which on a place is a suspect; what is below stays as it is.
 pub const SUSPECT: f32 = 2.5;
@@ -41,15 +40,15 @@ impl Suspect {
     }
 }
 
-/// The suspects of a stretch, along the rope.
-pub fn suspects(scores: &StretchScores, strands: usize) -> Vec<Suspect> {
+/// The suspects of a stretch, along the rope, but for those in its margins.
+pub fn suspects(scores: &StretchScores, strands: usize, margin_blocks: usize) -> Vec<Suspect> {
     let row = strands * scores.places;
-    let blocks = scores.cells.len() / row.max(1);
+    let end = (scores.cells.len() / row.max(1)).saturating_sub(margin_blocks);
     let mut suspects = Vec::new();
-    for segment in (0..blocks).step_by(SEGMENT_BLOCKS) {
+    for segment in (margin_blocks..end).step_by(SEGMENT_BLOCKS) {
         for first in (0..row).step_by(PLACES_PER_WIRE) {
             let mut best: Option<Suspect> = None;
-            for block in segment..(segment + SEGMENT_BLOCKS).min(blocks) {
+            for block in segment..(segment + SEGMENT_BLOCKS).min(end) {
                 let cells = &scores.cells[block * row + first..block * row + first + PLACES_PER_WIRE];
                 for (at, &score) in (first..).zip(cells) {
                     if score >= best.map_or(SUSPECT, |best| best.score.next_up()) {
@@ -77,19 +76,18 @@ fn adds(log_odds: f32) -> f32 {
     above.max(0.0) + (-above.abs()).exp().ln_1p()
 }
 
-/// Looks at all suspects of a stretch, and adds what it says to the suspicious places of their segments. `further` is the
-/// evidence of the further factors.
-pub fn look_closer(scores: &mut StretchScores, unrolled: &Unrolled, further: &[Evidence], strands: usize) {
+/// Looks at all suspects of a stretch, and adds what it says to the suspicious places of their segments.
+pub fn look_closer(scores: &mut StretchScores, seen: &Seen, strands: usize) {
     let network = Network::trained();
     let mut patch = Patch::default();
     let row = strands * scores.places;
-    let blocks = unrolled.blocks();
+    let end = seen.unrolled.blocks() - seen.margin_blocks;
     let mut added = vec![0.0; scores.cells.len()];
-    for suspect in suspects(scores, strands) {
-        patch.cut(unrolled, further, suspect.block, suspect.strand, suspect.wire());
+    for suspect in suspects(scores, strands, seen.margin_blocks) {
+        patch.cut(&seen.unrolled, &seen.evidence[1..], suspect.block, suspect.strand, suspect.wire());
         let more = adds(network.log_odds(&patch, suspect.score));
         let first = suspect.strand * scores.places + suspect.wire() * PLACES_PER_WIRE;
-        for block in suspect.segment..(suspect.segment + SEGMENT_BLOCKS).min(blocks) {
+        for block in suspect.segment..(suspect.segment + SEGMENT_BLOCKS).min(end) {
             let places = block * row + first..block * row + first + PLACES_PER_WIRE;
             for (added, cell) in added[places.clone()].iter_mut().zip(&scores.cells[places]) {
                 *added = if *cell >= SUSPECT { more } else { 0.0 };
@@ -116,8 +114,11 @@ mod tests {
         set(4, 0, 9, 2.4); // too low
         set(13, 0, 0, f32::NAN);
         let scores = StretchScores::new(cells, vec![true; blocks * strands * places], strands * places, places, 5);
-        let found: Vec<_> = suspects(&scores, strands).iter().map(|s| (s.block, s.strand, s.place, s.score)).collect();
+        let found: Vec<_> =
+            suspects(&scores, strands, 0).iter().map(|s| (s.block, s.strand, s.place, s.score)).collect();
         assert_eq!(found, [(4, 1, 9, 5.0), (6, 1, 9, 3.0)]);
+        let inner = suspects(&scores, strands, 3);
+        assert_eq!(inner.iter().map(|s| s.block).collect::<Vec<_>>(), [4], "and none in the margins");
     }
 
     #[test]

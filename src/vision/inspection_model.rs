@@ -35,6 +35,8 @@ pub struct Seen {
     pub evidence: Vec<Evidence>,
     /// The gray that was seen, as a picture.
     pub unrolled: Unrolled,
+    /// Blocks at either end that belong to the stretches before and after it.
+    pub margin_blocks: usize,
 }
 
 /// One view of an aligned stretch.
@@ -65,27 +67,27 @@ impl<'a> AlignedView<'a> {
         SurfaceMap::new(self.rope, self.camera, self.estimates, self.view.image.width())
     }
 
-    fn gather(&self, gray: &Appearance, judged: Judged) -> (Evidence, Residuals) {
-        let gray = (gray, judged);
-        Residuals::gather(self.rope, self.camera, self.estimates, self.view, gray, self.block_lines, self.pitch_mm)
+    fn gather(&self, gray: (&Appearance, Judged), margin_blocks: usize) -> (Evidence, Residuals) {
+        let blocks = (self.block_lines, margin_blocks);
+        Residuals::gather(self.rope, self.camera, self.estimates, self.view, gray, blocks, self.pitch_mm)
     }
 
     /// Second pass: adds the further factors, relative to the learnt gray.
     pub fn learn_factors(&self, gray: &Appearance, moments: &mut [Moments; FACTORS.len()]) {
-        let (_, residuals) = self.gather(gray, Judged::Nothing);
+        let (_, residuals) = self.gather((gray, Judged::Nothing), 0);
         for (factor, moments) in FACTORS.into_iter().zip(moments) {
             residuals.for_each(factor, |_, cell, value| moments.add(cell, value));
         }
     }
 
     /// Evidence of the gray value and of every further factor, with the gray itself. Where gray counts nothing, its evidence tells no
-    /// more than what is seen.
-    pub fn seen_by(&self, model: &ViewAppearance) -> Seen {
-        let (evidence, residuals) = self.gather(&model.gray, model.judged());
+    /// more than what is seen. There is room for so many blocks of the stretches before and after it, see [`Seen::follows`].
+    pub fn seen_by(&self, model: &ViewAppearance, margin_blocks: usize) -> Seen {
+        let (evidence, residuals) = self.gather((&model.gray, model.judged()), margin_blocks);
         let mut all = vec![evidence];
         let further = FACTORS.into_iter().zip(&model.further);
         all.extend(further.map(|(factor, usual)| Evidence::of_factor(&residuals, factor, usual)));
-        Seen { evidence: all, unrolled: residuals.into_unrolled() }
+        Seen { evidence: all, unrolled: residuals.into_unrolled(), margin_blocks }
     }
 }
 

@@ -61,7 +61,7 @@ impl Judging {
         let Filters::Mean(filter, mean_of) = self.filters else {
             let mut scores = view.score(&seen.evidence, pitch_mm);
             if self.looks_closer(view, pitch_mm) {
-                look_closer(&mut scores, &seen.unrolled, &seen.evidence[1..], strands);
+                look_closer(&mut scores, seen, strands);
             }
             return scores;
         };

@@ -48,6 +48,7 @@ impl From<Evidence> for KeptEvidence {
 pub struct KeptSeen {
     evidence: Vec<KeptEvidence>,
     unrolled: Unrolled,
+    margin_blocks: usize,
 }
 
 impl KeptSeen {
@@ -63,13 +64,15 @@ impl KeptSeen {
 
     /// In full precision again.
     pub fn unpacked(&self) -> Seen {
-        Seen { evidence: self.evidence.iter().map(KeptEvidence::unpacked).collect(), unrolled: self.unrolled.clone() }
+        let evidence = self.evidence.iter().map(KeptEvidence::unpacked).collect();
+        Seen { evidence, unrolled: self.unrolled.clone(), margin_blocks: self.margin_blocks }
     }
 }
 
 impl From<Seen> for KeptSeen {
     fn from(seen: Seen) -> Self {
-        Self { evidence: seen.evidence.into_iter().map(KeptEvidence::from).collect(), unrolled: seen.unrolled }
+        let evidence = seen.evidence.into_iter().map(KeptEvidence::from).collect();
+        Self { evidence, unrolled: seen.unrolled, margin_blocks: seen.margin_blocks }
     }
 }
 

@@ -145,6 +145,7 @@ pub mod lasting;
 mod lock;
 mod looseness;
 pub mod lost_lines;
+pub mod margins;
 pub mod mean_filter;
 mod measured;
 mod measuring;

@@ -55,19 +55,19 @@ const NOISE: f32 = 0.1;
 
 impl Residuals {
     /// Gathers a stretch: the evidence of the gray values themselves if they are `judged`, and what deviates from their expectation, in
-    /// one pass.
+    /// one pass. The grid has so many blocks more at either end, in which nothing is seen yet.
     pub fn gather(
         rope: &Rope,
         camera: &Camera,
         estimates: &Estimates,
         view: &ViewStretch,
         (gray, judged): (&Appearance, Judged),
-        block_lines: usize,
+        (block_lines, margin_blocks): (usize, usize),
         pitch_mm: f64,
     ) -> (Evidence, Self) {
         let (lines, width) = (view.image.lines(), view.image.width());
         let (strands, places) = (rope.strands(), rope.wires() * PLACES_PER_WIRE);
-        let blocks = lines.div_ceil(block_lines);
+        let blocks = lines.div_ceil(block_lines) + 2 * margin_blocks;
         let mut evidence = Evidence::empty(block_lines, blocks, strands, places);
         let mut residuals = Self::empty(block_lines, blocks, strands, rope.wires());
         let scale = GrayScale::new(&view.image, &view.axis_px, camera.px_per_mm * rope.diameter_mm() / 2.0);
@@ -77,7 +77,7 @@ impl Residuals {
         let mut grays = vec![vec![0.0f32; width]; block_lines];
         let mut sums = vec![Sums::default(); places];
         let mut fine = vec![GraySums::default(); rope.wires() * FINE_PER_WIRE];
-        for (block, (of_block, middle)) in evidence::blocks(lines, block_lines).enumerate() {
+        for (block, (of_block, middle)) in (margin_blocks..).zip(evidence::blocks(lines, block_lines)) {
             let moved_px = |from: usize, to: usize| view.axis_px[to] - view.axis_px[from];
             for (line, grays) in of_block.clone().zip(&mut grays) {
                 let fine = scale.fine(line);

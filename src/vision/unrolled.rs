@@ -18,9 +18,9 @@ const UNSEEN: u8 = u8::MAX;
 #[derive(Debug, Clone)]
 pub struct Unrolled {
     blocks: usize,
-    places: usize,
-    deviation: Vec<i8>,
-    expected: Vec<u8>,
+    pub(super) places: usize,
+    pub(super) deviation: Vec<i8>,
+    pub(super) expected: Vec<u8>,
 }
 
 /// Gray of a fine place, in gray bins.
