@@ -23,6 +23,7 @@ use ropescope::vision::camera::Camera;
 use ropescope::vision::evidence::block_lines;
 use ropescope::vision::inspection_model::{AlignedView, Seen, ViewAppearance};
 use ropescope::vision::judging::Judging;
+use ropescope::vision::margins::MARGIN_BLOCKS;
 use ropescope::vision::stretch_scores::{StretchScores, join_views};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -117,21 +118,21 @@ fn evidence(
     aligned: &[AlignedStretch],
     cameras: &[Camera],
 ) -> Vec<Vec<Option<Seen>>> {
+    let (rope, pitch_mm) = (&acquisition.rope, acquisition.line_pitch_mm);
     let of_view = |stretch: &AlignedStretch, v: usize| {
-        let view = &stretch.views[v];
-        let estimates = stretch.estimates.as_ref().ok().filter(|_| view.usable())?;
-        let seen = AlignedView {
-            rope: &acquisition.rope,
-            camera: &cameras[v],
-            estimates,
-            view,
-            block_lines: block_lines(acquisition.line_pitch_mm),
-            pitch_mm: acquisition.line_pitch_mm,
-        };
-        Some(seen.seen_by(&model.views[v], 0))
+        Some(AlignedView::of(rope, stretch, cameras, v, pitch_mm)?.seen_by(&model.views[v], MARGIN_BLOCKS))
     };
     let of_stretch = |stretch| (0..model.views.len()).into_par_iter().map(|v| of_view(stretch, v)).collect();
-    aligned.iter().map(of_stretch).collect()
+    let mut evidence: Vec<Vec<Option<Seen>>> = aligned.iter().map(of_stretch).collect();
+    for cut in 1..evidence.len() {
+        let (before, after) = evidence.split_at_mut(cut);
+        for (before, after) in before[cut - 1].iter_mut().zip(&mut after[0]) {
+            if let (Some(before), Some(after)) = (before, after) {
+                after.follows(before);
+            }
+        }
+    }
+    evidence
 }
 
 /// Scores of all stretches, `[stretch][view]`.
@@ -152,6 +153,7 @@ fn scores(
         for scores in scored.iter_mut().flatten() {
             model.lasting.raise(scores, block_mm);
             scores.add_closer_look();
+            scores.cut_margins(MARGIN_BLOCKS);
         }
         scored
     };

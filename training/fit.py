@@ -27,6 +27,9 @@ BLOCKS, PLACES, LAYERS = 28, 15, 10
 ROW = 4 + BLOCKS * PLACES * LAYERS
 CHANNELS = (10, 20, 32, 24)
 TRAIN_M, METRES, DEFECTS = 2.5, 6, 20
+KINDS = ["broken_wire", "missing_wire", "corrosion", "arc_burn", "lifted_wire", "notch", "loose_wire", "abrasion"]
+LOOKS = np.array([0, 0, 2, 2, 1, 2, 1, 2])  # of every kind: a wire is interrupted, stands out, has another surface
+KIND_COUNTS = 0.3  # what telling kinds apart counts beside telling damage
 ROPES = [  # strands, wires, diameter, strand lay, wire lay; None: the usual one
     (6, 9, 32, None, None), (8, 7, 40, None, None), (8, 9, 36, -245, -88), (6, 9, 32, -220, 95), (6, 12, 28, None, None),
     (6, 10, 40, 290, 110), (7, 8, 32, None, None), (6, 9, 30, 210, -90), (5, 8, 30, None, None), (6, 8, 36, None, None),
@@ -64,33 +67,34 @@ def patches(seed, data, program):
         run(program.parent / "examples" / "patches", folder, data / "rope.model", data / "patches.f32")
         rows = np.fromfile(data / "patches.f32", "<f4").reshape(-1, ROW)
         view, line, column, score = rows[:, :4].T
-        damage, defect = np.zeros(len(rows), int), np.full(len(rows), -1)
+        damage, defect, kind = np.zeros(len(rows), int), np.full(len(rows), -1), np.full(len(rows), -1)
         for label in json.loads((folder / "labels.json").read_text()):
             along = lambda pad: (view == label["view"]) & (line >= label["first_line"] - pad) & (line <= label["last_line"] + pad)
             inside = along(5) & (column >= label["first_column"] - 6) & (column <= label["last_column"] + 6)
             damage[along(120) & (damage == 0)] = -1
             damage[inside & (damage != 1)] = 1 if label["clear"] else -1
-            defect[inside] = label["defect"]
+            defect[inside], kind[inside] = label["defect"], KINDS.index(label["kind"])
         told = (damage >= 0) & (line > (TRAIN_M * 1000 + 100) * 10)
         values = rows[told, 4:].reshape(-1, BLOCKS, PLACES, LAYERS).astype(np.float16)
-        np.savez(kept, values=values, score=score[told], damage=damage[told], defect=seed * 1000 + defect[told], line=line[told])
+        np.savez(kept, values=values, score=score[told], damage=damage[told], defect=seed * 1000 + defect[told], kind=kind[told], view=view[told], line=line[told])
         subprocess.run(["rm", "-r", folder])
     found = np.load(kept)
-    return tuple(found[name] for name in ("values", "score", "damage", "defect", "line"))
+    return tuple(found[name] for name in ("values", "score", "damage", "defect", "kind", "view", "line"))
 
 
 def start(key):
     """Weights by chance, in the order in which they are written."""
     first, second, third, last = CHANNELS
-    shapes = [(3, 3, LAYERS, first), (3, 3, first, second), (3, 3, second, third), (2 * third + 1, last), (last, 1)]
+    shapes = [(3, 3, LAYERS, first), (3, 3, first, second), (3, 3, second, third), (2 * third + 1, last), (last, 1 + LOOKS.max() + 1)]
     layers = []
     for key, shape in zip(jax.random.split(key, len(shapes)), shapes):
-        scale = np.sqrt(2 / np.prod(shape[:-1])) * (0.3 if shape[-1] == 1 else 1.0)
+        scale = np.sqrt(2 / np.prod(shape[:-1])) * (0.3 if shape[0] == last else 1.0)
         layers.append((jax.random.normal(key, shape) * scale, jnp.zeros(shape[-1])))
     return layers
 
 
-def log_odds(layers, values, score):
+def told(layers, values, score):
+    """The logarithm of the odds of damage, and those of its looks up to a sum, of every patch."""
     leak = lambda x: jnp.where(x > 0, x, 0.1 * x)
     seen = values
     for (kernel, offset), stride in zip(layers[:3], ((2, 1), (2, 2), (2, 2))):
@@ -98,7 +102,12 @@ def log_odds(layers, values, score):
         seen = leak(seen + offset)
     seen = jnp.concatenate([seen[:, 1:3, 1:3].mean((1, 2)), seen.mean((1, 2)), score[:, None] / 10], 1)
     (weights, offset), (result, of_result) = layers[3:]
-    return (leak(seen @ weights + offset) @ result + of_result)[:, 0]
+    all_told = leak(seen @ weights + offset) @ result + of_result
+    return all_told[:, 0], all_told[:, 1:]
+
+
+def log_odds(layers, values, score):
+    return told(layers, values, score)[0]
 
 
 def varied(rng, values):
@@ -140,7 +149,7 @@ def weights_of(score, damage, defect):
 
 
 def fit(taught, epochs, seed, batch=512):
-    values, score, damage, defect, _ = taught
+    values, score, damage, defect, kind, *_ = taught
     counts = weights_of(score, damage, defect)
     rng = np.random.default_rng(seed)
     layers = start(jax.random.PRNGKey(seed))
@@ -148,8 +157,11 @@ def fit(taught, epochs, seed, batch=512):
     state = optimiser.init(layers)
 
     @jax.jit
-    def step(layers, state, values, score, damage, counts):
-        loss = lambda layers: (counts * optax.sigmoid_binary_cross_entropy(log_odds(layers, values, score), damage)).mean()
+    def step(layers, state, values, score, damage, kind, counts):
+        def loss(layers):
+            odds, looks = told(layers, values, score)
+            of_kind = optax.softmax_cross_entropy_with_integer_labels(looks, jnp.asarray(LOOKS)[kind]) * damage
+            return (counts * (optax.sigmoid_binary_cross_entropy(odds, damage) + KIND_COUNTS * of_kind)).mean()
         value, slope = jax.value_and_grad(loss)(layers)
         change, state = optimiser.update(slope, state, layers)
         return optax.apply_updates(layers, change), state, value
@@ -159,7 +171,7 @@ def fit(taught, epochs, seed, batch=512):
         for first in range(0, len(order) - batch + 1, batch):
             at = order[first : first + batch]
             scores = score[at] * np.exp(rng.normal(0, 0.1, batch)).astype(np.float32)
-            layers, state, loss = step(layers, state, varied(rng, values[at]), scores, damage[at], counts[at])
+            layers, state, loss = step(layers, state, varied(rng, values[at]), scores, damage[at], kind[at], counts[at])
             losses.append(float(loss))
         print(f"epoch {epoch + 1} of {epochs}: loss {np.mean(losses):.4f}", flush=True)
     return layers

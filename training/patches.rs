@@ -8,16 +8,16 @@
 //! say the labels of the recording, see `training/fit.py`.
 
 use anyhow::{Context, ensure};
-use ropescope::pipeline::acquisition::open_folder;
+use ropescope::pipeline::acquisition::{Acquisition, open_folder};
 use ropescope::pipeline::model_file::Model;
 use ropescope::pipeline::stretches::{STRETCH_LINES, StretchReader};
 use ropescope::vision::aligner::{AlignedStretch, Aligner};
 use ropescope::vision::camera::Camera;
 use ropescope::vision::closer_look::{Suspect, suspects};
-use ropescope::vision::evidence::block_lines;
-use ropescope::vision::inspection_model::{AlignedView, ViewAppearance};
+use ropescope::vision::inspection_model::{AlignedView, Seen};
+use ropescope::vision::margins::MARGIN_BLOCKS;
 use ropescope::vision::patch::Patch;
-use ropescope::vision::rope::Rope;
+use ropescope::vision::surface_map::PLACES_PER_WIRE;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -32,7 +32,8 @@ fn main() -> anyhow::Result<()> {
     let lines = spec.stretch_lines(STRETCH_LINES);
     let mut reader = StretchReader::new(&frames, spec.width_px, lines, 0..usize::MAX, None)?;
     let mut aligner = Aligner::new(spec);
-    let pitch_mm = acquisition.line_pitch_mm;
+    let (rope, pitch_mm) = (&acquisition.rope, acquisition.line_pitch_mm);
+    let mut waiting: Option<(AlignedStretch, Vec<Option<Seen>>)> = None;
     loop {
         let next = reader.next_stretch()?;
         let ended = next.is_none();
@@ -40,47 +41,61 @@ fn main() -> anyhow::Result<()> {
             Some(stretch) => aligner.push(stretch),
             None => aligner.finish(),
         };
-        for stretch in &aligned {
-            let cameras = aligner.cameras().context("no rope was found in the recording")?;
-            for (v, view) in model.views.iter().enumerate() {
-                write_view(&mut out, &acquisition.rope, pitch_mm, (stretch, v), &cameras[v], view)?;
+        let cameras = aligner.cameras().unwrap_or_default();
+        for stretch in aligned {
+            let view = |(v, model)| {
+                Some(AlignedView::of(rope, &stretch, &cameras, v, pitch_mm)?.seen_by(model, MARGIN_BLOCKS))
+            };
+            let mut seen: Vec<Option<Seen>> = model.views.iter().enumerate().map(view).collect();
+            if let Some((before, mut seen_before)) = waiting.take() {
+                for (seen, before) in seen.iter_mut().zip(&mut seen_before) {
+                    if let (Some(seen), Some(before)) = (seen, before) {
+                        seen.follows(before);
+                    }
+                }
+                write(&mut out, &acquisition, &cameras, &model, (&before, &seen_before))?;
             }
+            waiting = Some((stretch, seen));
         }
         if ended {
+            if let Some((last, seen)) = &waiting {
+                write(&mut out, &acquisition, &cameras, &model, (last, seen))?;
+            }
             return Ok(out.flush()?);
         }
     }
 }
 
-/// Writes the patches of one view of a stretch.
-fn write_view(
+/// Writes the patches of a stretch.
+fn write(
     out: &mut impl Write,
-    rope: &Rope,
-    pitch_mm: f64,
-    (stretch, v): (&AlignedStretch, usize),
-    camera: &Camera,
-    model: &ViewAppearance,
+    acquisition: &Acquisition,
+    cameras: &[Camera],
+    model: &Model,
+    (stretch, seen): (&AlignedStretch, &[Option<Seen>]),
 ) -> std::io::Result<()> {
-    let view = &stretch.views[v];
-    let (Ok(estimates), true) = (&stretch.estimates, view.usable()) else { return Ok(()) };
-    let block_lines = block_lines(pitch_mm);
-    let aligned = AlignedView { rope, camera, estimates, view, block_lines, pitch_mm };
-    let seen = aligned.seen_by(model, 0);
-    let scores = model.score(&seen.evidence, pitch_mm);
-    let (mut patch, mut map) = (Patch::default(), aligned.surface_map());
-    for suspect in suspects(&scores, rope.strands(), 0) {
-        let Suspect { block, strand, place, score, .. } = suspect;
-        let line = (block * block_lines + block_lines / 2).min(view.image.lines() - 1);
-        let (mut columns, mut pixels) = (0.0, 0.0);
-        map.for_each(line, view.axis_px[line], |point| {
-            if (point.strand, point.place) == (strand, place) {
-                (columns, pixels) = (columns + point.column as f32, pixels + 1.0);
+    let (strands, pitch_mm) = (acquisition.rope.strands(), acquisition.line_pitch_mm);
+    for (v, (seen, model)) in seen.iter().zip(&model.views).enumerate() {
+        let (Some(seen), Some(aligned)) = (seen, AlignedView::of(&acquisition.rope, stretch, cameras, v, pitch_mm))
+        else {
+            continue;
+        };
+        let scores = model.score(&seen.evidence, pitch_mm);
+        let (mut patch, mut map) = (Patch::default(), aligned.surface_map());
+        for Suspect { block, strand, place, score, .. } in suspects(&scores, strands, MARGIN_BLOCKS) {
+            let first = (block - MARGIN_BLOCKS) * aligned.block_lines;
+            let line = (first + aligned.block_lines / 2).min(aligned.view.image.lines() - 1);
+            let (mut columns, mut pixels) = (0.0, 0.0);
+            map.for_each(line, aligned.view.axis_px[line], |point| {
+                if (point.strand, point.place) == (strand, place) {
+                    (columns, pixels) = (columns + point.column as f32, pixels + 1.0);
+                }
+            });
+            patch.cut(&seen.unrolled, &seen.evidence[1..], block, strand, place / PLACES_PER_WIRE);
+            let head = [v as f32, (stretch.first_line + line) as f32, columns / pixels, score];
+            for value in head.iter().chain(patch.values()) {
+                out.write_all(&value.to_le_bytes())?;
             }
-        });
-        patch.cut(&seen.unrolled, &seen.evidence[1..], block, strand, suspect.wire());
-        let head = [v as f32, (stretch.first_line + line) as f32, columns / pixels, score];
-        for value in head.iter().chain(patch.values()) {
-            out.write_all(&value.to_le_bytes())?;
         }
     }
     Ok(())

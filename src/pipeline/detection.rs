@@ -95,9 +95,10 @@ impl<'a> Detection<'a> {
         cameras: &[Camera],
         maps: bool,
     ) -> Result<Option<Judged>, PipelineError> {
-        let mut seen: Vec<Option<Seen>> = (self.model.views.par_iter().enumerate())
-            .map(|(v, model)| Some(aligned_view(self.acquisition, &stretch, cameras, v)?.seen_by(model, MARGIN_BLOCKS)))
-            .collect();
+        let (rope, pitch_mm) = (&self.acquisition.rope, self.acquisition.line_pitch_mm);
+        let view =
+            |(v, model)| Some(AlignedView::of(rope, &stretch, cameras, v, pitch_mm)?.seen_by(model, MARGIN_BLOCKS));
+        let mut seen: Vec<Option<Seen>> = self.model.views.par_iter().enumerate().map(view).collect();
         let judged = match self.waiting.take() {
             None => None,
             Some(mut before) => {
@@ -124,7 +125,7 @@ impl<'a> Detection<'a> {
         let strands = self.acquisition.rope.strands();
         let pitch_mm = self.acquisition.line_pitch_mm;
         let (model, threshold) = (self.model, self.threshold);
-        let aligned = |v: usize| aligned_view(self.acquisition, &stretch, &cameras, v);
+        let aligned = |v: usize| AlignedView::of(&self.acquisition.rope, &stretch, &cameras, v, pitch_mm);
         let mut scored: Vec<Option<StretchScores>> = (seen.into_par_iter().zip(&model.views))
             .map(|(seen, view)| Some(self.judging.score(view, &seen?, strands, pitch_mm)))
             .collect();
@@ -204,19 +205,6 @@ impl<'a> Detection<'a> {
             line_scores: self.line_scores,
         }
     }
-}
-
-/// A view of a stretch as models look at it; `None` where it cannot be judged.
-fn aligned_view<'a>(
-    acquisition: &'a Acquisition,
-    stretch: &'a AlignedStretch,
-    cameras: &'a [Camera],
-    v: usize,
-) -> Option<AlignedView<'a>> {
-    let (view, pitch_mm) = (&stretch.views[v], acquisition.line_pitch_mm);
-    let estimates = stretch.estimates.as_ref().ok().filter(|_| view.usable())?;
-    let block_lines = block_lines(pitch_mm);
-    Some(AlignedView { rope: &acquisition.rope, camera: &cameras[v], estimates, view, block_lines, pitch_mm })
 }
 
 /// Those places that share no line with a defect: the others are the defects themselves, a little longer. Both run along the rope.

@@ -236,6 +236,7 @@ mod tests {
             }
             let scores = StretchScores {
                 added: Vec::new(),
+                looks: Vec::new(),
                 cells: Vec::new(),
                 seen: Vec::new(),
                 peaks: vec![(0, 0); blocks.len()],

@@ -89,6 +89,7 @@ mod tests {
         StretchScores {
             cells: Vec::new(),
             added: Vec::new(),
+            looks: Vec::new(),
             seen: Vec::new(),
             peaks,
             blocks,

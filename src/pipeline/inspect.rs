@@ -84,7 +84,7 @@ pub fn inspect(
         progress.found(Found { lay_lengths: rows, defects: None });
         Ok(())
     };
-    let mut judged = |detection: &mut Detection<'_>, judged: Option<Judged>| {
+    let mut judged = |detection: &mut Detection<'_>, judged: Option<Judged>| -> Result<(), PipelineError> {
         let Some(Judged { end_line, maps: drawn }) = judged else { return Ok(()) };
         if let Some(maps) = &mut maps {
             maps.append(drawn)?;

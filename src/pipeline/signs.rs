@@ -103,6 +103,7 @@ impl<'a> Looker<'a> {
                 beside,
                 beyond_outline_mm: beyond_outline_mm(&seen, contour, line),
                 direction: angle_rad.map_or((0.0, 0.0), f64::sin_cos),
+                likely: scores.likely(block, strand),
             },
         }
     }

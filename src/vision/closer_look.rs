@@ -6,7 +6,7 @@
 use super::damage::Network;
 use super::inspection_model::Seen;
 use super::patch::Patch;
-use super::stretch_scores::StretchScores;
+use super::stretch_scores::{Looked, StretchScores};
 use super::surface_map::PLACES_PER_WIRE;
 
 /// Score from which on a place is a suspect; what is below stays as it is.
@@ -82,19 +82,22 @@ pub fn look_closer(scores: &mut StretchScores, seen: &Seen, strands: usize) {
     let mut patch = Patch::default();
     let row = strands * scores.places;
     let end = seen.unrolled.blocks() - seen.margin_blocks;
-    let mut added = vec![0.0; scores.cells.len()];
+    let (mut added, mut looks) = (vec![0.0; scores.cells.len()], Vec::new());
     for suspect in suspects(scores, strands, seen.margin_blocks) {
         patch.cut(&seen.unrolled, &seen.evidence[1..], suspect.block, suspect.strand, suspect.wire());
-        let more = adds(network.log_odds(&patch, suspect.score));
+        let told = network.look(&patch, suspect.score);
+        let more = adds(told.log_odds);
         let first = suspect.strand * scores.places + suspect.wire() * PLACES_PER_WIRE;
-        for block in suspect.segment..(suspect.segment + SEGMENT_BLOCKS).min(end) {
+        let segment = suspect.segment..(suspect.segment + SEGMENT_BLOCKS).min(end);
+        for block in segment.clone() {
             let places = block * row + first..block * row + first + PLACES_PER_WIRE;
             for (added, cell) in added[places.clone()].iter_mut().zip(&scores.cells[places]) {
                 *added = if *cell >= SUSPECT { more } else { 0.0 };
             }
         }
+        looks.push(Looked { blocks: segment, strand: suspect.strand, added: more, likely: told.likely });
     }
-    scores.added = added;
+    (scores.added, scores.looks) = (added, looks);
 }
 
 #[cfg(test)]

@@ -5,8 +5,18 @@
 //! told against what that rope's own model expects, so it was learnt beforehand, on simulated ropes (`training/`), and not from
 //! the rope in question, on which nobody knows a defect.
 
+use super::kind::Likely;
 use super::patch::{BLOCKS, LAYERS, PLACES, Patch};
 use std::array::from_fn;
+
+/// What the network tells of a patch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Told {
+    /// Logarithm of the odds that it shows damage, among such patches of the ropes that it learnt from.
+    pub log_odds: f32,
+    /// If it does, which; the sum is 1.
+    pub likely: Likely,
+}
 
 /// Size of the kernels along and across.
 const KERNEL: usize = 3;
@@ -17,6 +27,8 @@ const FIRST: usize = 10;
 const SECOND: usize = 20;
 const THIRD: usize = 32;
 const LAST: usize = 24;
+/// Results: the logarithm of the odds, and one for each way of damage.
+const RESULTS: usize = 4;
 /// Rows and columns of every layer's result: the strides are (2, 1), (2, 2), (2, 2).
 const SIZES: [(usize, usize); 4] = [(BLOCKS, PLACES), (14, 15), (7, 8), (4, 4)];
 /// Rows and columns of the last one that are about the middle.
@@ -48,7 +60,7 @@ pub struct Network {
     second: Convolution<SECOND>,
     third: Convolution<THIRD>,
     last: Dense<LAST>,
-    result: Dense<1>,
+    result: Dense<RESULTS>,
 }
 
 impl Network {
@@ -65,8 +77,8 @@ impl Network {
         }
     }
 
-    /// Logarithm of the odds that a patch whose middle has this score shows damage, among such patches of the ropes it was learnt from.
-    pub fn log_odds(&self, patch: &Patch, score: f32) -> f32 {
+    /// Looks at a patch whose middle has this score.
+    pub fn look(&self, patch: &Patch, score: f32) -> Told {
         let first = self.first.over(patch.values(), LAYERS, SIZES[0], SIZES[1]);
         let second = self.second.over(first.as_flattened(), FIRST, SIZES[1], SIZES[2]);
         let third = self.third.over(second.as_flattened(), SECOND, SIZES[2], SIZES[3]);
@@ -80,8 +92,18 @@ impl Network {
         }
         let seen = middle.into_iter().chain(all).chain([score / SCORE]);
         let last = self.last.of(seen).map(leak);
-        self.result.of(last.into_iter())[0]
+        let [log_odds, ways @ ..] = self.result.of(last.into_iter());
+        let [interrupted, protruding, surface] = shares(ways);
+        Told { log_odds, likely: Likely { interrupted, protruding, surface } }
     }
+}
+
+/// Shares whose logarithms these are, up to a sum.
+fn shares<const K: usize>(logarithms: [f32; K]) -> [f64; K] {
+    let most = logarithms.into_iter().fold(f32::NEG_INFINITY, f32::max);
+    let odds = logarithms.map(|logarithm| f64::from(logarithm - most).exp());
+    let all: f64 = odds.iter().sum();
+    odds.map(|odds| odds / all)
 }
 
 #[inline]
@@ -152,8 +174,14 @@ mod tests {
         let convolution = |channels: usize, k: usize| KERNEL * KERNEL * channels * k + k;
         let dense = |inputs: usize, k: usize| inputs * k + k;
         let numbers = convolution(LAYERS, FIRST) + convolution(FIRST, SECOND) + convolution(SECOND, THIRD);
-        assert_eq!(TRAINED.len() / 4, numbers + dense(2 * THIRD + 1, LAST) + dense(LAST, 1));
+        assert_eq!(TRAINED.len() / 4, numbers + dense(2 * THIRD + 1, LAST) + dense(LAST, RESULTS));
         assert!(TRAINED.as_chunks::<4>().0.iter().all(|&bytes| f32::from_le_bytes(bytes).is_finite()));
+    }
+
+    #[test]
+    fn shares_add_up_to_1_however_large_their_logarithms_are() {
+        let [a, b] = shares([500.0, 500.0 - 3.0f32.ln()]);
+        assert!((a - 0.75).abs() < 1e-4 && (a + b - 1.0).abs() < 1e-12, "{a} {b}");
     }
 
     #[test]

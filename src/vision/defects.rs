@@ -229,6 +229,7 @@ mod tests {
     fn blocks_over_the_threshold_form_alarms_across_stretches() {
         let scores = |blocks: Vec<f32>| StretchScores {
             added: Vec::new(),
+            looks: Vec::new(),
             cells: Vec::new(),
             seen: Vec::new(),
             peaks: vec![(1, 7); blocks.len()],

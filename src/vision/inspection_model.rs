@@ -1,10 +1,11 @@
 //! The appearance model of one view with all its factors, learnt and calibrated in three passes over intact rope.
 
+use super::aligner::AlignedStretch;
 use super::appearance::Appearance;
 use super::calibration::{CalibrationSums, FilterCalibration};
 use super::camera::Camera;
 use super::estimates::Estimates;
-use super::evidence::{self, Evidence};
+use super::evidence::{self, Evidence, block_lines};
 use super::factor::{FACTORS, Factor};
 use super::histogram::Histogram;
 use super::residuals::{Judged, Residuals};
@@ -57,6 +58,19 @@ pub struct AlignedView<'a> {
 }
 
 impl<'a> AlignedView<'a> {
+    /// View `v` of a stretch, `cameras[v]` its camera; `None` where it cannot be judged.
+    pub fn of(
+        rope: &'a Rope,
+        stretch: &'a AlignedStretch,
+        cameras: &'a [Camera],
+        v: usize,
+        pitch_mm: f64,
+    ) -> Option<Self> {
+        let view = &stretch.views[v];
+        let estimates = stretch.estimates.as_ref().ok().filter(|_| view.usable())?;
+        Some(Self { rope, camera: &cameras[v], estimates, view, block_lines: block_lines(pitch_mm), pitch_mm })
+    }
+
     /// First pass: adds the gray values to the histogram of eq. 18.
     pub fn learn_gray(&self, histogram: &mut Histogram) {
         evidence::learn(self.rope, self.camera, self.estimates, self.view, self.block_lines, histogram);

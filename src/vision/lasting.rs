@@ -87,6 +87,7 @@ mod tests {
             seen: vec![true; scores.len()],
             peaks: vec![(0, 0); scores.len()],
             added: Vec::new(),
+            looks: Vec::new(),
             cells: scores.clone(),
             blocks: scores,
             block_lines: 5,

@@ -80,6 +80,9 @@ impl StretchScores {
             table.truncate(table.len().saturating_sub(margin));
             table.drain(..margin.min(table.len()));
         }
+        for looked in &mut self.looks {
+            looked.blocks = looked.blocks.start - margin_blocks..looked.blocks.end - margin_blocks;
+        }
         cut(&mut self.cells, margin_blocks * row);
         cut(&mut self.added, margin_blocks * row);
         cut(&mut self.seen, margin_blocks * row);

@@ -1,6 +1,8 @@
 //! Scores of a stretch in one view: of every cell of the unrolled rope, and of every block along it.
 
 use super::filtering::TOGETHER;
+use super::kind::Likely;
+use std::ops::Range;
 
 /// What another view's score counts where this view sees the place, but too obliquely to judge as well.
 const OTHER_VIEW_SHARE: f32 = 0.95;
@@ -25,6 +27,19 @@ fn settled(blocks: &[f32]) -> Vec<f32> {
     blocks.iter().enumerate().map(|(k, &score)| score + SETTLING_SHARE * (around(k) - score).min(0.0)).collect()
 }
 
+/// What a closer look told of a segment of a wire.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Looked {
+    /// The blocks of the segment.
+    pub blocks: Range<usize>,
+    /// The strand.
+    pub strand: usize,
+    /// What it adds to the scores.
+    pub added: f32,
+    /// What its damage looks like.
+    pub likely: Likely,
+}
+
 /// Scores of a stretch in one view.
 #[derive(Debug, Clone)]
 pub struct StretchScores {
@@ -32,6 +47,8 @@ pub struct StretchScores {
     pub cells: Vec<f32>,
     /// What a closer look adds to it, same order; empty where nobody looked closer.
     pub added: Vec<f32>,
+    /// What damage was seen by a closer look, along the rope.
+    pub looks: Vec<Looked>,
     /// Whether any pixel of this view fell there, same order.
     pub seen: Vec<bool>,
     /// Score of every block: the highest of its places, settled with the blocks about it; NaN where nothing was judged.
@@ -47,8 +64,8 @@ pub struct StretchScores {
 impl StretchScores {
     /// From the scores of cells and whether they are seen, `row` of them a block.
     pub(super) fn new(cells: Vec<f32>, seen: Vec<bool>, row: usize, places: usize, block_lines: usize) -> Self {
-        let added = Vec::new();
-        let mut scores = Self { cells, added, seen, blocks: Vec::new(), peaks: Vec::new(), block_lines, places };
+        let (added, looks) = (Vec::new(), Vec::new());
+        let mut scores = Self { cells, added, looks, seen, blocks: Vec::new(), peaks: Vec::new(), block_lines, places };
         scores.find_peaks(row);
         scores
     }
@@ -83,6 +100,12 @@ impl StretchScores {
                 *peak = highest.map_or(*peak, |at| (at / self.places, at % self.places));
             }
         }
+    }
+
+    /// What the damage of a strand in a block looks like: what was told of its wires there, each by what it adds.
+    pub fn likely(&self, block: usize, strand: usize) -> Likely {
+        let here = self.looks.iter().filter(|looked| looked.strand == strand && looked.blocks.contains(&block));
+        here.fold(Likely::default(), |sum, looked| sum.joined(&looked.likely.times(f64::from(looked.added))))
     }
 
     fn find_peaks(&mut self, row: usize) {

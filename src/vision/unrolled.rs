@@ -17,7 +17,7 @@ const UNSEEN: u8 = u8::MAX;
 /// kept: a picture needs no more, and intact rope waits in memory until a calibration judges it.
 #[derive(Debug, Clone)]
 pub struct Unrolled {
-    blocks: usize,
+    pub(super) blocks: usize,
     pub(super) places: usize,
     pub(super) deviation: Vec<i8>,
     pub(super) expected: Vec<u8>,
