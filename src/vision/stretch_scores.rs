@@ -6,8 +6,8 @@ use std::ops::Range;
 
 /// What another view's score counts where this view sees the place, but too obliquely to judge as well.
 const OTHER_VIEW_SHARE: f32 = 0.95;
-/// The same of what a closer look adds: a patch that is seen obliquely tells less, and what is taken for damage in vain must not count in
-/// every view.
+/// What a closer look of another view adds to that of this one: two pictures of one place tell more than one, but not twice as much,
+/// for what lies there looks alike in both.
 const OTHER_LOOK_SHARE: f32 = 0.5;
 /// Blocks to either side that a block's score is settled with.
 const SETTLING_BLOCKS: usize = 10;
@@ -131,30 +131,44 @@ impl StretchScores {
 /// Joins what several views say of the same places: each view takes over what another one scores higher, where it sees the
 /// place itself. A break at the edge of one view is often in the middle of the next.
 pub fn join_views(views: &mut [Option<StretchScores>], strands: usize) {
-    join(views, OTHER_VIEW_SHARE, |view| &mut view.cells);
-    join(views, OTHER_LOOK_SHARE, |view| &mut view.added);
+    join_cells(views);
+    join_looks(views);
     for view in views.iter_mut().flatten() {
         let row = strands * view.places;
         view.find_peaks(row);
     }
 }
 
-/// Joins one of the tables of all views; the highest counts so much in the others.
-fn join(views: &mut [Option<StretchScores>], share: f32, table: impl Fn(&mut StretchScores) -> &mut Vec<f32>) {
+/// The highest score of any view counts in the others.
+fn join_cells(views: &mut [Option<StretchScores>]) {
     let mut best: Vec<f32> = Vec::new();
-    for view in views.iter_mut().flatten() {
-        let own = table(view);
-        best.resize(best.len().max(own.len()), f32::NAN);
-        best.iter_mut().zip(own).for_each(|(best, &mut score)| *best = best.max(score)); // takes the number where the other is NaN
+    for view in views.iter().flatten() {
+        best.resize(best.len().max(view.cells.len()), f32::NAN);
+        best.iter_mut().zip(&view.cells).for_each(|(best, &score)| *best = best.max(score)); // takes the number where the other is NaN
     }
     for view in views.iter_mut().flatten() {
-        let seen = std::mem::take(&mut view.seen);
-        for ((score, &seen), &best) in table(view).iter_mut().zip(&seen).zip(&best) {
+        for ((score, &seen), &best) in view.cells.iter_mut().zip(&view.seen).zip(&best) {
             if seen && best.is_finite() {
-                *score = score.max(share * best);
+                *score = score.max(OTHER_VIEW_SHARE * best);
             }
         }
-        view.seen = seen;
+    }
+}
+
+/// What closer looks add is a logarithm of odds: that of one view and a share of the highest of the others.
+fn join_looks(views: &mut [Option<StretchScores>]) {
+    let mut highest: Vec<[f32; 2]> = Vec::new();
+    for view in views.iter().flatten() {
+        highest.resize(highest.len().max(view.added.len()), [0.0; 2]);
+        for (highest, &added) in highest.iter_mut().zip(&view.added) {
+            *highest = if added > highest[0] { [added, highest[0]] } else { [highest[0], highest[1].max(added)] };
+        }
+    }
+    for view in views.iter_mut().flatten() {
+        for ((added, &seen), &[first, second]) in view.added.iter_mut().zip(&view.seen).zip(&highest) {
+            let of_others = if *added == first { second } else { first };
+            *added += if seen { OTHER_LOOK_SHARE * of_others } else { 0.0 };
+        }
     }
 }
 
@@ -191,6 +205,18 @@ mod tests {
         assert_eq!(low.cells[4 * 9 + 1], OTHER_VIEW_SHARE * 6.0);
         assert_eq!(low.cells[4 * 10 + 1], 1.0);
         assert_eq!(views[2].as_ref().unwrap().cells[4 * 9 + 1], 6.0);
+    }
+
+    #[test]
+    fn closer_looks_of_two_views_add_up_and_one_counts_half_in_the_other() {
+        let looked = |added: [f32; 4]| StretchScores { added: added.to_vec(), ..stretch(&[3.0]) };
+        let mut views =
+            [Some(looked([8.0, 0.0, 4.0, 6.0])), None, Some(looked([2.0, 6.0, 4.0, 0.0])), Some(stretch(&[3.0]))];
+        views[2].as_mut().unwrap().seen[3] = false;
+        join_views(&mut views, 1);
+        assert_eq!(views[0].as_ref().unwrap().added, [9.0, 3.0, 6.0, 6.0]);
+        assert_eq!(views[2].as_ref().unwrap().added, [6.0, 6.0, 6.0, 0.0], "not where it sees nothing");
+        assert!(views[3].as_ref().unwrap().added.is_empty(), "nobody looked closer there");
     }
 
     #[test]
