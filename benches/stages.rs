@@ -123,7 +123,7 @@ fn stages(criterion: &mut Criterion) {
     group.bench_function("evidence", |b| {
         b.iter(|| {
             let gray = (&appearance, Judged::Nothing);
-            Residuals::gather(rope, camera, estimates, black_box(view), gray, block_lines, known.spec.pitch_mm)
+            Residuals::gather(rope, camera, estimates, black_box(view), gray, (block_lines, 0), known.spec.pitch_mm)
         });
     });
     group.finish();

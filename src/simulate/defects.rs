@@ -257,6 +257,23 @@ mod tests {
     }
 
     #[test]
+    fn defects_of_a_kind_differ_as_far_as_asked_and_none_reaches_too_far() {
+        let planted = |defect_variety: f64| {
+            let recipe = Recipe { defects: 24, metres: 4.0, defect_variety, ..Recipe::photographic() };
+            Scene::new(&recipe, 9).unwrap().defects().to_vec()
+        };
+        let (alike, various) = (planted(0.0), planted(1.0));
+        assert!(alike.iter().all(|d| d.departs(Trait::Rim) == 0.0));
+        let departs: Vec<f64> = various.iter().map(|d| d.departs(Trait::Brightness)).collect();
+        assert!(departs.iter().any(|d| *d > 0.5) && departs.iter().any(|d| *d < -0.5), "{departs:?}");
+        assert!(departs.iter().all(|d| d.abs() <= 1.0));
+        assert!(
+            various.iter().zip(&alike).all(|(a, b)| a.kind == b.kind && (0.6..1.7).contains(&(a.half_mm / b.half_mm)))
+        );
+        assert!(various.iter().all(|d| (1..900).all(|k| !d.reaches(d.centre_mm + REACH_MM + 0.1 + f64::from(k)))));
+    }
+
+    #[test]
     fn a_broken_wire_is_gone_in_its_gap_only() {
         let scene = Scene::new(&Recipe { defects: 8, metres: 3.0, ..Recipe::photographic() }, 1).unwrap();
         let broken = scene.defects().iter().find(|d| d.kind == DefectKind::BrokenWire).unwrap();

@@ -253,3 +253,31 @@ fn wrap_f32(angle_rad: f32) -> f32 {
         angle_rad
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::recipe::Recipe;
+
+    #[test]
+    fn gleam_lamps_and_lens_of_a_camera_head_show_in_its_pictures() {
+        let picture = |change: fn(&mut Recipe)| {
+            let mut recipe = Recipe { metres: 0.05, gray_noise: 0.0, dirt: 0.0, ..Recipe::photographic() };
+            change(&mut recipe);
+            (render(&Scene::new(&recipe, 3).unwrap(), 0, 0), recipe.sensor_px as usize)
+        };
+        let mean = |(pixels, width): &(Vec<u8>, usize), columns: std::ops::Range<usize>| {
+            let of_line = |line: &[u8]| line[columns.clone()].iter().map(|&gray| f64::from(gray)).sum::<f64>();
+            pixels.chunks(*width).map(of_line).sum::<f64>() / (pixels.len() / width * columns.len()) as f64
+        };
+        let steps = |(pixels, _): &(Vec<u8>, usize)| {
+            pixels.windows(2).map(|pair| f64::from(pair[0].abs_diff(pair[1])).powi(2)).sum::<f64>()
+        };
+        let usual = picture(|_| {});
+        assert!(mean(&picture(|r| r.gloss = 2.0), 0..480) > 1.1 * mean(&usual, 0..480));
+        assert!(steps(&picture(|r| r.blur_px = 1.0)) < 0.9 * steps(&usual));
+        // Lamps beside the camera light the rope's sides.
+        let sides = |picture: &(Vec<u8>, usize)| mean(picture, 60..110) / mean(picture, 200..280);
+        assert!(sides(&picture(|r| r.lamp_spread = 2.0)) > 1.05 * sides(&usual));
+    }
+}
