@@ -65,13 +65,13 @@ impl Defect {
         self.alarms.iter().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score))
     }
 
-    /// What the view with the peak shows of it; a wire that stands out may show at the edge of any view, and shapes are told by all.
+    /// What the view with the peak shows of it; a wire that stands out may show at the edge of any view.
     pub fn figures(&self) -> Option<Figures> {
         let view = self.peak()?.view;
-        let (mut signs, mut all) = (Signs::default(), Signs::default());
+        let mut signs = Signs::default();
         self.alarms.iter().filter(|alarm| alarm.view == view).for_each(|alarm| signs.join(&alarm.signs));
-        self.alarms.iter().for_each(|alarm| all.join(&alarm.signs));
-        Signs { beyond_outline_mm: all.beyond_outline_mm, likely: all.likely, ..signs }.figures()
+        let beyond = self.alarms.iter().map(|alarm| alarm.signs.beyond_outline_mm).fold(0.0, f64::max);
+        Signs { beyond_outline_mm: beyond, ..signs }.figures()
     }
 }
 
