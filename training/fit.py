@@ -11,8 +11,9 @@ one near a label or in an unclear one is left out; all others show intact rope a
 lies on their intact rope: either half of it is cut out by a model of the other. Every fifth rope is held back and told at the end.
 
 The weights that are shipped were learnt in goes, each from the weights before (--from): 40 epochs from 94 ropes with 1,800 defects, simulated
-while the kinds of foreign matter grew from three to eight, all seen by one kind of camera; then 15 epochs from 39 ropes with 750
-defects, as they are simulated here, and from the intact metres of the samples rope-a (0 to 4) and rope-b.
+while the kinds of foreign matter grew from three to eight, all seen by one kind of camera; 6 epochs from 29 ropes as they are simulated
+here; 5 from 39 of them, 750 defects, and from the intact metres of the samples rope-a (0 to 4) and rope-b, which counted twice; and 4
+of the same, counting as below, from the mean of the weights before and after the 5. Patches of simulated ropes were cut out stretch by stretch then.
 """
 
 import argparse
