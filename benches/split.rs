@@ -23,7 +23,7 @@ use ropescope::vision::camera::Camera;
 use ropescope::vision::evidence::block_lines;
 use ropescope::vision::inspection_model::{AlignedView, Seen, ViewAppearance};
 use ropescope::vision::judging::Judging;
-use ropescope::vision::margins::MARGIN_BLOCKS;
+use ropescope::vision::margins::{MARGIN_BLOCKS, fill_between};
 use ropescope::vision::stretch_scores::{StretchScores, join_views};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -126,11 +126,7 @@ fn evidence(
     let mut evidence: Vec<Vec<Option<Seen>>> = aligned.iter().map(of_stretch).collect();
     for cut in 1..evidence.len() {
         let (before, after) = evidence.split_at_mut(cut);
-        for (before, after) in before[cut - 1].iter_mut().zip(&mut after[0]) {
-            if let (Some(before), Some(after)) = (before, after) {
-                after.follows(before);
-            }
-        }
+        fill_between(&mut before[cut - 1], &mut after[0]);
     }
     evidence
 }

@@ -15,7 +15,7 @@ use ropescope::vision::aligner::{AlignedStretch, Aligner};
 use ropescope::vision::camera::Camera;
 use ropescope::vision::closer_look::{Suspect, suspects};
 use ropescope::vision::inspection_model::{AlignedView, Seen};
-use ropescope::vision::margins::MARGIN_BLOCKS;
+use ropescope::vision::margins::{MARGIN_BLOCKS, fill_between};
 use ropescope::vision::patch::Patch;
 use ropescope::vision::surface_map::PLACES_PER_WIRE;
 use std::fs::File;
@@ -48,11 +48,7 @@ fn main() -> anyhow::Result<()> {
             };
             let mut seen: Vec<Option<Seen>> = model.views.iter().enumerate().map(view).collect();
             if let Some((before, mut seen_before)) = waiting.take() {
-                for (seen, before) in seen.iter_mut().zip(&mut seen_before) {
-                    if let (Some(seen), Some(before)) = (seen, before) {
-                        seen.follows(before);
-                    }
-                }
+                fill_between(&mut seen_before, &mut seen);
                 write(&mut out, &acquisition, &cameras, &model, (&before, &seen_before))?;
             }
             waiting = Some((stretch, seen));

@@ -14,7 +14,7 @@ use crate::vision::defects::{AlarmBuilder, Defect, merge};
 use crate::vision::evidence::block_lines;
 use crate::vision::inspection_model::{AlignedView, Seen};
 use crate::vision::judging::Judging;
-use crate::vision::margins::MARGIN_BLOCKS;
+use crate::vision::margins::{MARGIN_BLOCKS, fill_between};
 use crate::vision::stretch_scores::StretchScores;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
@@ -103,11 +103,7 @@ impl<'a> Detection<'a> {
             None => None,
             Some(mut before) => {
                 if before.stretch.first_line + before.stretch.lines == stretch.first_line {
-                    for (seen, before) in seen.iter_mut().zip(&mut before.seen) {
-                        if let (Some(seen), Some(before)) = (seen, before) {
-                            seen.follows(before);
-                        }
-                    }
+                    fill_between(&mut before.seen, &mut seen);
                 }
                 Some(self.judge(before, maps)?)
             }

@@ -5,7 +5,6 @@ use super::progress::Quiet;
 use super::stretches::STRETCH_LINES;
 use super::training_range::{LearntFrom, TrainingRange};
 use super::{PipelineError, Progress, ProgressReport};
-use crate::vision::evidence::block_lines;
 use crate::vision::inspection_model::AlignedView;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -87,16 +86,10 @@ impl Pass<'_> {
             drive.run(&mut drive.reader()?, |stretch, cameras| {
                 let this = number;
                 number += 1;
-                if let (true, Ok(estimates)) = (wanted(this), &stretch.estimates) {
+                if wanted(this) && stretch.estimates.is_ok() {
                     gathered.par_iter_mut().enumerate().for_each(|(v, gathered)| {
-                        let view = &stretch.views[v];
-                        if view.usable() {
-                            let block_lines = block_lines(pitch_mm);
-                            take(
-                                this,
-                                AlignedView { rope, camera: &cameras[v], estimates, view, block_lines, pitch_mm },
-                                gathered,
-                            );
+                        if let Some(view) = AlignedView::of(rope, &stretch, cameras, v, pitch_mm) {
+                            take(this, view, gathered);
                         }
                     });
                     let lines: usize = stretch.views.iter().filter(|v| v.usable()).map(|v| v.lines_seen()).sum();

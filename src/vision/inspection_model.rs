@@ -95,7 +95,7 @@ impl<'a> AlignedView<'a> {
     }
 
     /// Evidence of the gray value and of every further factor, with the gray itself. Where gray counts nothing, its evidence tells no
-    /// more than what is seen. There is room for so many blocks of the stretches before and after it, see [`Seen::follows`].
+    /// more than what is seen. There is room for so many blocks of the stretches before and after it, see [`fill_between`](super::margins::fill_between).
     pub fn seen_by(&self, model: &ViewAppearance, margin_blocks: usize) -> Seen {
         let (evidence, residuals) = self.gather((&model.gray, model.judged()), margin_blocks);
         let mut all = vec![evidence];

@@ -62,13 +62,22 @@ impl Seen {
 
     /// Fills the margin before the stretch with the end of the one before it, and the margin after that one with this one's beginning.
     /// Both have the same margins.
-    pub fn follows(&mut self, before: &mut Self) {
+    fn follows(&mut self, before: &mut Self) {
         let margin = self.margin_blocks;
         let end_of_before = before.blocks() - margin;
         let count = margin.min(end_of_before - margin);
         self.copy_blocks(before, (margin - count, end_of_before - count), count);
         let count = margin.min(self.blocks() - 2 * margin);
         before.copy_blocks(self, (end_of_before, margin), count);
+    }
+}
+
+/// Fills the margins between two stretches that follow each other, in all views that see both.
+pub fn fill_between(before: &mut [Option<Seen>], after: &mut [Option<Seen>]) {
+    for views in before.iter_mut().zip(after) {
+        if let (Some(before), Some(after)) = views {
+            after.follows(before);
+        }
     }
 }
 
