@@ -32,6 +32,25 @@ pub enum Mark {
     Dots { points: Vec<(f64, f64)>, colour: &'static str, label: String },
 }
 
+/// What stands for a mark in the legend.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Swatch {
+    Line,
+    Dashes,
+    Area,
+}
+
+impl Swatch {
+    /// Appends it to an SVG, its left end at `x`, its middle at `y`.
+    pub fn draw(self, x: f64, y: f64, colour: &str, out: &mut String) {
+        match self {
+            Self::Line => rectangle(x, y - 1.2, 18.0, 2.4, colour, 1.0, out),
+            Self::Dashes => [x, x + 11.0].into_iter().for_each(|x| rectangle(x, y - 1.2, 7.0, 2.4, colour, 1.0, out)),
+            Self::Area => rectangle(x, y - 5.0, 18.0, 10.0, colour, 0.55, out),
+        }
+    }
+}
+
 /// Where a chart's axes lie on the sheet in dots.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame<'a> {
@@ -54,16 +73,17 @@ impl Frame<'_> {
 }
 
 impl Mark {
-    /// Colour and words of the legend, and whether a line or an area stands for it; `None` if it has no words.
-    pub(super) fn legend(&self) -> Option<(&'static str, &str, bool)> {
-        let (colour, label, line) = match self {
-            Self::Curve { colour, label, .. } | Self::Limits { colour, label, .. } => (colour, label, true),
+    /// Colour and words of the legend, and what stands for it there; `None` if it has no words.
+    pub(super) fn legend(&self) -> Option<(&'static str, &str, Swatch)> {
+        let (colour, label, swatch) = match self {
+            Self::Curve { colour, label, dashed: true, .. } => (colour, label, Swatch::Dashes),
+            Self::Curve { colour, label, .. } | Self::Limits { colour, label, .. } => (colour, label, Swatch::Line),
             Self::Band { colour, label, .. }
             | Self::Boxes { colour, label, .. }
             | Self::Squares { colour, label, .. }
-            | Self::Dots { colour, label, .. } => (colour, label, false),
+            | Self::Dots { colour, label, .. } => (colour, label, Swatch::Area),
         };
-        (!label.is_empty()).then_some((*colour, label.as_str(), line))
+        (!label.is_empty()).then_some((*colour, label.as_str(), swatch))
     }
 
     /// Appends the mark to an SVG.

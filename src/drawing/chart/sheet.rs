@@ -1,7 +1,7 @@
 //! Charts side by side as one SVG, each with its axes, title and legend.
 
 use super::axis::Scale;
-use super::marks::{Frame, Mark, line, rectangle};
+use super::marks::{Frame, Mark, Swatch, line, rectangle};
 use std::fmt::Write;
 
 /// One chart.
@@ -92,10 +92,8 @@ fn draw(chart: &Chart, x: f64, y: f64, out: &mut String) {
     for (row, entries) in legend_rows(chart).into_iter().enumerate() {
         let at = bottom + 54.0 + LEGEND_ROW * row as f64;
         let mut x = frame.x;
-        for (colour, label, is_line) in entries {
-            let high = if is_line { 2.4 } else { 10.0 };
-            let opacity = if is_line { 1.0 } else { 0.55 };
-            rectangle(x, at - 4.0 - high / 2.0, 18.0, high, colour, opacity, out);
+        for (colour, label, swatch) in entries {
+            swatch.draw(x, at - 4.0, colour, out);
             text(x + 24.0, at, "start", 11.5, INK, label, out);
             x += entry_width(label);
         }
@@ -107,7 +105,7 @@ fn entry_width(label: &str) -> f64 {
 }
 
 /// Legend entries of a chart, as many in a row as fit.
-fn legend_rows(chart: &Chart) -> Vec<Vec<(&'static str, &str, bool)>> {
+fn legend_rows(chart: &Chart) -> Vec<Vec<(&'static str, &str, Swatch)>> {
     let mut rows: Vec<Vec<_>> = Vec::new();
     let mut used = f64::INFINITY;
     for entry in chart.marks.iter().filter_map(Mark::legend) {
@@ -155,6 +153,7 @@ mod tests {
                     colour: COLOURS[0],
                     label: "strands".into(),
                 },
+                Mark::Curve { points: vec![(0.0, 0.02)], colour: COLOURS[2], dashed: true, label: "limit".into() },
                 Mark::Curve {
                     points: vec![(0.0, 0.01), (0.5, f64::NAN), (1.0, 0.02)],
                     colour: COLOURS[1],
@@ -167,7 +166,9 @@ mod tests {
         assert!(drawn.starts_with("<svg ") && drawn.ends_with("</svg>\n"));
         assert_eq!(drawn.matches("errors &lt; 1 &amp; more").count(), 2);
         assert_eq!(drawn.matches(">strands</text>").count(), 2); // the curve has no words, so it is not in the legend
-        assert_eq!(drawn.matches("<polyline").count(), 4); // and breaks where it is not finite
+        assert_eq!(drawn.matches("<polyline").count(), 6); // and breaks where it is not finite
+        let dashes = format!(r#"width="7.0" height="2.4" fill="{}""#, COLOURS[2]);
+        assert_eq!(drawn.matches(&dashes).count(), 4, "a dashed line has two dashes in the legend\n{drawn}");
         assert!(!drawn.contains("NaN") && drawn.contains(r#"width="960""#));
     }
 }

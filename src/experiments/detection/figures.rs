@@ -33,7 +33,7 @@ pub(super) fn roc(judged: &Judged) -> [Chart; 2] {
         points: curve.points.clone(),
         colour: colour(n),
         dashed: false,
-        label: format!("view {}, AUC {:.3}", curve.view, curve.auc),
+        label: format!("view {}, AUC {:.4}", curve.view, curve.auc),
     });
     let squares = judged.curves.iter().enumerate().map(|(n, curve)| Mark::Squares {
         points: curve.half_recovered.into_iter().collect(),
@@ -44,7 +44,7 @@ pub(super) fn roc(judged: &Judged) -> [Chart; 2] {
         points: judged.average.clone(),
         colour: COLOURS[0],
         dashed: false,
-        label: format!("mean of the views, AUC {:.3}", judged.mean_auc()),
+        label: format!("mean of the views, AUC {:.4}", judged.mean_auc()),
     };
     [roc_chart("a  every view", curves.chain(squares).collect()), roc_chart("b  averaged", vec![average])]
 }
@@ -57,7 +57,7 @@ pub(super) fn averages(runs: &[(&str, &Judged)]) -> Chart {
         points: judged.average.clone(),
         colour: COLOURS[n % colours],
         dashed: n >= colours,
-        label: format!("{name}, AUC {:.3}", judged.mean_auc()),
+        label: format!("{name}, AUC {:.4}", judged.mean_auc()),
     });
     roc_chart("averaged over the views", curves.collect())
 }
