@@ -3,7 +3,7 @@
 //! What all factors say of single places picks the suspects, one in some 3 mm of every wire at the most; for each of these the patch
 //! about it decides how high it scores. So the network looks at a thousandth of the rope, and what nobody suspects costs nothing.
 
-use super::damage::{Network, Told};
+use super::damage::Network;
 use super::inspection_model::Seen;
 use super::patch::Patch;
 use super::stretch_scores::{Looked, StretchScores};
@@ -17,8 +17,6 @@ pub const COARSEST_MM: f64 = 0.25;
 pub const SEGMENT_BLOCKS: usize = 6;
 /// Logarithm of the odds at which the closer look begins to count.
 const LEAST_LOG_ODDS: f32 = -3.0;
-/// Logarithm of the odds from which on a suspect, one in twenty of them on intact rope, is looked at from all sides.
-const DOUBTFUL: f32 = -2.0;
 
 /// The place of a wire that scores highest within a segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,17 +76,6 @@ fn adds(log_odds: f32) -> f32 {
     above.max(0.0) + (-above.abs()).exp().ln_1p()
 }
 
-/// What the network tells of a patch whose middle has this score: the mean over the four ways to hold it, where the first leaves doubts. What
-/// it makes of a patch and of its mirror image differs by chance, not by what is there.
-fn told(network: &Network, patch: &Patch, score: f32) -> Told {
-    let first = network.look(patch, score);
-    if first.log_odds < DOUBTFUL {
-        return first;
-    }
-    let turned = |along: bool, across: bool| network.look(&patch.turned(along, across), score);
-    Told::mean([first, turned(true, false), turned(false, true), turned(true, true)])
-}
-
 /// Looks at all suspects of a stretch, and adds what it says to the suspicious places of their segments.
 pub fn look_closer(scores: &mut StretchScores, seen: &Seen, strands: usize) {
     let network = Network::trained();
@@ -98,7 +85,7 @@ pub fn look_closer(scores: &mut StretchScores, seen: &Seen, strands: usize) {
     let (mut added, mut looks) = (vec![0.0; scores.cells.len()], Vec::new());
     for suspect in suspects(scores, strands, seen.margin_blocks) {
         patch.cut(&seen.unrolled, &seen.evidence[1..], suspect.block, suspect.strand, suspect.wire());
-        let told = told(&network, &patch, suspect.score);
+        let told = network.look(&patch, suspect.score);
         let more = adds(told.log_odds);
         let first = suspect.strand * scores.places + suspect.wire() * PLACES_PER_WIRE;
         let segment = suspect.segment..(suspect.segment + SEGMENT_BLOCKS).min(end);

@@ -18,17 +18,6 @@ pub struct Told {
     pub likely: Likely,
 }
 
-impl Told {
-    /// What several looks at one patch tell together.
-    pub fn mean<const K: usize>(looks: [Self; K]) -> Self {
-        let share = 1.0 / K as f32;
-        looks.into_iter().fold(Self { log_odds: 0.0, likely: Likely::default() }, |sum, look| Self {
-            log_odds: sum.log_odds + share * look.log_odds,
-            likely: sum.likely.joined(&look.likely.times(f64::from(share))),
-        })
-    }
-}
-
 /// Size of the kernels along and across.
 const KERNEL: usize = 3;
 /// What negative values count after every layer.

@@ -61,27 +61,6 @@ impl Patch {
         }
     }
 
-    /// The same rope seen the other way along, the other way across its wires, or both.
-    pub fn turned(&self, along: bool, across: bool) -> Self {
-        let mut turned = Self::default();
-        for (at, values) in turned.values.chunks_exact_mut(LAYERS).enumerate() {
-            let (row, place) = (at / PLACES, at % PLACES);
-            let row = if along { BLOCKS - 1 - row } else { row };
-            let place = if across { PLACES - 1 - place } else { place };
-            values.copy_from_slice(&self.values[(row * PLACES + place) * LAYERS..][..LAYERS]);
-            if across {
-                values.swap(0, 1);
-                values.swap(2, 3);
-            }
-            if along != across {
-                // Slant alone has a direction.
-                let further = values[5..].iter_mut().zip(FACTORS);
-                further.filter(|(_, factor)| factor.both_ways()).for_each(|(value, _)| *value = -*value);
-            }
-        }
-        turned
-    }
-
     /// The values.
     pub fn values(&self) -> &[f32] {
         &self.values
@@ -91,28 +70,7 @@ impl Patch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::factor::Factor;
     use crate::vision::unrolled::{FINE_PER_WIRE, GraySums};
-
-    #[test]
-    fn a_turned_patch_shows_the_same_from_the_other_side() {
-        let mut patch = Patch::default();
-        patch.values.iter_mut().enumerate().for_each(|(at, value)| *value = at as f32);
-        let values = |patch: &Patch, row: usize, place: usize| -> Vec<f32> {
-            patch.values[(row * PLACES + place) * LAYERS..][..LAYERS].to_vec()
-        };
-        let seen = values(&patch, 3, 2);
-        let expected = |gray: [usize; 4], slant: f32| -> Vec<f32> {
-            let all = gray.into_iter().chain(4..LAYERS).map(|layer| seen[layer]);
-            all.enumerate().map(|(layer, value)| if layer == LAYERS - 1 { slant * value } else { value }).collect()
-        };
-        let (along, across, both) = (patch.turned(true, false), patch.turned(false, true), patch.turned(true, true));
-        assert_eq!(FACTORS.last(), Some(&Factor::Slant));
-        assert_eq!(values(&along, BLOCKS - 4, 2), expected([0, 1, 2, 3], -1.0));
-        assert_eq!(values(&across, 3, PLACES - 3), expected([1, 0, 3, 2], -1.0));
-        assert_eq!(values(&both, BLOCKS - 4, PLACES - 3), expected([1, 0, 3, 2], 1.0));
-        assert_eq!(both.turned(true, true).values, patch.values);
-    }
 
     #[test]
     fn a_patch_shows_its_wire_in_the_middle_and_goes_round_the_strand() {
