@@ -65,7 +65,7 @@ fn main() -> anyhow::Result<()> {
     })?;
     let (aligned, cameras) = timed.run("alignment", || align(spec, stretches))?;
     let evidence = timed.run("evidence", || evidence(&acquisition, &model, &aligned, &cameras));
-    let scores = timed.run("scores", || scores(&acquisition, &model, evidence));
+    let scores = timed.run("scores", || scores(&acquisition, &model, evidence, &aligned, &cameras));
     timed.run("tables", || write(&aligned, &scores, out.path()))?;
 
     for (name, model_path, maps) in [
@@ -136,15 +136,20 @@ fn scores(
     acquisition: &Acquisition,
     model: &Model,
     evidence: Vec<Vec<Option<Seen>>>,
+    aligned: &[AlignedStretch],
+    cameras: &[Camera],
 ) -> Vec<Vec<Option<StretchScores>>> {
     let pitch_mm = acquisition.line_pitch_mm;
     let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
-    let of_stretch = |views: Vec<Option<Seen>>| {
+    let of_stretch = |(number, views): (usize, Vec<Option<Seen>>)| {
         let strands = acquisition.rope.strands();
-        let of_view = |(seen, model): (Option<Seen>, &ViewAppearance)| {
-            Some(Judging::WHOLE.score(model, &seen?, strands, pitch_mm))
+        let beside = [number.checked_sub(1), Some(number), Some(number + 1)].map(|number| aligned.get(number?));
+        let of_view = |(v, (seen, model)): (usize, (Option<Seen>, &ViewAppearance))| {
+            let image = beside.map(|stretch| AlignedView::of(&acquisition.rope, stretch?, cameras, v, pitch_mm));
+            Some(Judging::WHOLE.score(model, (&seen?, image), strands, pitch_mm))
         };
-        let mut scored: Vec<Option<StretchScores>> = views.into_par_iter().zip(&model.views).map(of_view).collect();
+        let views = views.into_par_iter().zip(&model.views).enumerate();
+        let mut scored: Vec<Option<StretchScores>> = views.map(of_view).collect();
         join_views(&mut scored, acquisition.rope.strands());
         for scores in scored.iter_mut().flatten() {
             model.lasting.raise(scores, block_mm);
@@ -153,7 +158,7 @@ fn scores(
         }
         scored
     };
-    evidence.into_iter().map(of_stretch).collect()
+    evidence.into_iter().enumerate().map(of_stretch).collect()
 }
 
 /// Displacement and line scores, as an inspection writes them.

@@ -28,7 +28,7 @@ import numpy as np
 import optax
 
 BLOCKS, PLACES, LAYERS = 28, 15, 10
-ROW = 4 + BLOCKS * PLACES * LAYERS
+ROW = 5 + BLOCKS * PLACES * LAYERS
 CHANNELS = (10, 20, 32, 24)
 TRAIN_M, METRES, DEFECTS = 2.5, 6, 20
 KINDS = ["broken_wire", "missing_wire", "corrosion", "arc_burn", "lifted_wire", "notch", "loose_wire", "abrasion"]
@@ -69,9 +69,9 @@ def run(*words):
 
 def cut(recording, model, data, program):
     """View, line, column, score of all suspects of a recording, and their patches, by a model."""
-    run(program.parent / "examples" / "patches", recording, model, data / "patches.f32")
+    run(program.parent / "examples" / "patches", "patches", recording, model, data / "patches.f32")
     rows = np.fromfile(data / "patches.f32", "<f4").reshape(-1, ROW)
-    return rows[:, :4].T, rows[:, 4:].reshape(-1, BLOCKS, PLACES, LAYERS).astype(np.float16)
+    return rows[:, :4].T, rows[:, 5:].reshape(-1, BLOCKS, PLACES, LAYERS).astype(np.float16)
 
 
 def intact(recording, to_m, data, program):

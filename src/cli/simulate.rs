@@ -3,6 +3,7 @@
 use anyhow::{Context, bail};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
+use ropescope::simulate::defects::{DefectKind, KINDS};
 use ropescope::simulate::{Background, Recipe, RenderProgress, Scene, write_acquisition};
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -164,9 +165,12 @@ pub(crate) struct SimulateArgs {
     #[arg(long, value_enum, help_heading = "Service")]
     background: Option<BackgroundArg>,
 
-    /// Number of defects, of every kind in turn [default: 0]
+    /// Number of defects, of every kind in turn unless --defect-kind says which [default: 0]
     #[arg(long, value_name = "N", help_heading = "Defects")]
     defects: Option<usize>,
+    /// The kind that all defects are of: broken_wire, missing_wire, corrosion, arc_burn, lifted_wire, notch, loose_wire or abrasion
+    #[arg(long, value_name = "KIND", value_parser = kind_named, help_heading = "Defects")]
+    defect_kind: Option<DefectKind>,
     /// No defect before this metre of the acquisition: the part to train on [default: 0]
     #[arg(long, value_name = "M", help_heading = "Defects")]
     defect_free_m: Option<f64>,
@@ -218,6 +222,7 @@ impl SimulateArgs {
         take!(gray_noise, contour_noise_px, bad_columns, oscillation_px, encoder_jitter_mm, dirt, oil_spots_per_m);
         take!(water, scratches_per_m, debris_per_m, exposure, light_drift, vignetting, defects, defect_free_m);
         take!(gloss, lamp_spread, blur_px, defect_variety);
+        recipe.defect_kind = self.defect_kind;
         if let Some(views) = self.views {
             recipe.view_angles_deg = Recipe::evenly_spaced(views);
         }
@@ -233,6 +238,11 @@ impl SimulateArgs {
         }
         Ok(recipe)
     }
+}
+
+fn kind_named(name: &str) -> Result<DefectKind, String> {
+    let known = || KINDS.map(DefectKind::name).join(", ");
+    DefectKind::named(name).ok_or_else(|| format!("there is no such kind; the kinds are {}", known()))
 }
 
 /// Runs the command.

@@ -12,7 +12,7 @@ use crate::vision::aligner::AlignedStretch;
 use crate::vision::camera::Camera;
 use crate::vision::defects::{AlarmBuilder, Defect, merge};
 use crate::vision::evidence::block_lines;
-use crate::vision::inspection_model::{AlignedView, Seen};
+use crate::vision::inspection_model::{AlignedView, Seen, ViewAppearance};
 use crate::vision::judging::Judging;
 use crate::vision::margins::{MARGIN_BLOCKS, fill_between};
 use crate::vision::stretch_scores::StretchScores;
@@ -37,10 +37,29 @@ pub(super) struct Detection<'a> {
 
 /// A stretch that was seen, and is not judged before the end of the next one is seen, too.
 struct Waiting {
-    stretch: Arc<AlignedStretch>,
-    cameras: Vec<Camera>,
+    /// The one before it, if there is no gap between them.
+    before: Option<Aligned>,
+    aligned: Aligned,
     /// `[view]`.
     seen: Vec<Option<Seen>>,
+}
+
+/// A stretch with the cameras that saw it.
+#[derive(Clone)]
+struct Aligned {
+    stretch: Arc<AlignedStretch>,
+    cameras: Vec<Camera>,
+}
+
+impl Aligned {
+    fn end_line(&self) -> usize {
+        self.stretch.first_line + self.stretch.lines
+    }
+
+    /// View `v` of it; `None` where it cannot be judged.
+    fn view<'a>(&'a self, acquisition: &'a Acquisition, v: usize) -> Option<AlignedView<'a>> {
+        AlignedView::of(&acquisition.rope, &self.stretch, &self.cameras, v, acquisition.line_pitch_mm)
+    }
 }
 
 /// What was told of a stretch.
@@ -95,36 +114,43 @@ impl<'a> Detection<'a> {
         cameras: &[Camera],
         maps: bool,
     ) -> Result<Option<Judged>, PipelineError> {
-        let (rope, pitch_mm) = (&self.acquisition.rope, self.acquisition.line_pitch_mm);
-        let view =
-            |(v, model)| Some(AlignedView::of(rope, &stretch, cameras, v, pitch_mm)?.seen_by(model, MARGIN_BLOCKS));
+        let aligned = Aligned { stretch, cameras: cameras.to_vec() };
+        let view = |(v, model)| Some(aligned.view(self.acquisition, v)?.seen_by(model, MARGIN_BLOCKS));
         let mut seen: Vec<Option<Seen>> = self.model.views.par_iter().enumerate().map(view).collect();
-        let judged = match self.waiting.take() {
-            None => None,
-            Some(mut before) => {
-                if before.stretch.first_line + before.stretch.lines == stretch.first_line {
-                    fill_between(&mut before.seen, &mut seen);
-                }
-                Some(self.judge(before, maps)?)
-            }
+        let Some(mut last) = self.waiting.take() else {
+            self.waiting = Some(Waiting { before: None, aligned, seen });
+            return Ok(None);
         };
-        self.waiting = Some(Waiting { stretch, cameras: cameras.to_vec(), seen });
-        Ok(judged)
+        let goes_on = last.aligned.end_line() == aligned.stretch.first_line;
+        if goes_on {
+            fill_between(&mut last.seen, &mut seen);
+        }
+        let judged = self.judge(&last, goes_on.then_some(&aligned), maps)?;
+        self.waiting = Some(Waiting { before: goes_on.then_some(last.aligned), aligned, seen });
+        Ok(Some(judged))
     }
 
     /// Judges the last stretch, which nothing follows.
     pub fn take_last(&mut self, maps: bool) -> Result<Option<Judged>, PipelineError> {
-        self.waiting.take().map(|last| self.judge(last, maps)).transpose()
+        self.waiting.take().map(|last| self.judge(&last, None, maps)).transpose()
     }
 
-    fn judge(&mut self, Waiting { stretch, cameras, seen }: Waiting, maps: bool) -> Result<Judged, PipelineError> {
-        let strands = self.acquisition.rope.strands();
-        let pitch_mm = self.acquisition.line_pitch_mm;
+    fn judge(
+        &mut self,
+        Waiting { before, aligned, seen }: &Waiting,
+        after: Option<&Aligned>,
+        maps: bool,
+    ) -> Result<Judged, PipelineError> {
+        let (acquisition, stretch) = (self.acquisition, &aligned.stretch);
+        let strands = acquisition.rope.strands();
+        let pitch_mm = acquisition.line_pitch_mm;
         let (model, threshold) = (self.model, self.threshold);
-        let aligned = |v: usize| AlignedView::of(&self.acquisition.rope, &stretch, &cameras, v, pitch_mm);
-        let mut scored: Vec<Option<StretchScores>> = (seen.into_par_iter().zip(&model.views))
-            .map(|(seen, view)| Some(self.judging.score(view, &seen?, strands, pitch_mm)))
-            .collect();
+        let beside = [before.as_ref(), Some(aligned), after];
+        let score = |(v, (seen, view)): (usize, (&Option<Seen>, &ViewAppearance))| {
+            let image = beside.map(|aligned| aligned?.view(acquisition, v));
+            Some(self.judging.score(view, (seen.as_ref()?, image), strands, pitch_mm))
+        };
+        let mut scored: Vec<Option<StretchScores>> = seen.par_iter().zip(&model.views).enumerate().map(score).collect();
         self.judging.join(&mut scored, strands);
         let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
         for scores in scored.iter_mut().flatten() {
@@ -139,7 +165,7 @@ impl<'a> Detection<'a> {
             .par_iter_mut()
             .enumerate()
             .map(|(v, builder)| {
-                let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) else {
+                let (Some(seen), Some(scores)) = (aligned.view(acquisition, v), &scored[v]) else {
                     let nothing = || LikelihoodMap::not_judged(sensor_px, stretch.lines);
                     return if maps { nothing() } else { LikelihoodMap::default() };
                 };
@@ -152,7 +178,7 @@ impl<'a> Detection<'a> {
             .collect();
         if let Some((level, builders)) = &mut self.again {
             for (v, builder) in builders.iter_mut().enumerate() {
-                if let (Some(seen), Some(scores)) = (aligned(v), &scored[v]) {
+                if let (Some(seen), Some(scores)) = (aligned.view(acquisition, v), &scored[v]) {
                     let mut looker = Looker::new(seen, scores, &model.views[v].gray);
                     builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
                         looker.look(block, *level)

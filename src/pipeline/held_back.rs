@@ -7,6 +7,7 @@ use crate::vision::calibration::CalibrationSums;
 use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::judging::Judging;
 use crate::vision::kept_evidence::{KeptEvidence, KeptSeen};
+use crate::vision::rope::Rope;
 use crate::vision::stretch_scores::StretchScores;
 use rayon::prelude::*;
 
@@ -41,7 +42,7 @@ impl Held {
 pub(super) fn cross_scored(
     views: &[ViewAppearance],
     held: &[Held],
-    strands: usize,
+    rope: &Rope,
     pitch_mm: f64,
     judging: &Judging,
 ) -> Option<Vec<Vec<Option<StretchScores>>>> {
@@ -57,7 +58,9 @@ pub(super) fn cross_scored(
                 return None;
             }
             for s in (part..stretches).step_by(parts) {
-                scores[s] = Some(judging.score(&view, &held.seen[s].unpacked(), strands, pitch_mm));
+                let kept = &held.seen[s];
+                let seen = (&kept.unpacked(), [None, Some(kept.image(rope)), None]);
+                scores[s] = Some(judging.score(&view, seen, rope.strands(), pitch_mm));
             }
         }
         Some(scores)
@@ -65,6 +68,6 @@ pub(super) fn cross_scored(
     let mut of_views: Vec<_> = views.par_iter().zip(held).map(of_view).collect::<Option<_>>()?;
     let of_stretch = |s: usize| of_views.iter_mut().map(|scores: &mut Vec<_>| scores[s].take()).collect();
     let mut scored: Vec<Vec<Option<StretchScores>>> = (0..stretches).map(of_stretch).collect();
-    scored.iter_mut().for_each(|views| judging.join(views, strands));
+    scored.iter_mut().for_each(|views| judging.join(views, rope.strands()));
     Some(scored)
 }

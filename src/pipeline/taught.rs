@@ -79,7 +79,8 @@ impl<'a> Taught<'a> {
         let mut seen: Vec<(&LearntView, Vec<(usize, KeptSeen)>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
         let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
         pass(PASSES[2]).each_view(&mut seen, keeps, |number, aligned, (view, stretches)| {
-            stretches.push((number, aligned.seen_by(&view.by_others[fold_of(number)], 0).into()));
+            let seen = aligned.seen_by(&view.by_others[fold_of(number)], 0);
+            stretches.push((number, KeptSeen::of(seen, &aligned)));
         })?;
         // Views are joined stretch by stretch: where one has lost its lines, the others do not count either.
         let numbers = |(_, stretches): &(_, Vec<(usize, _)>)| stretches.iter().map(|(number, _)| *number).collect();
@@ -105,7 +106,8 @@ fn kept_stretches(used: &[Used<'_>], stretches: usize) -> usize {
         let acquisition = used.range.acquisition;
         let places = acquisition.rope.strands() * acquisition.rope.wires() * PLACES_PER_WIRE;
         let cells = used.stretch_lines().div_ceil(block_lines(acquisition.line_pitch_mm)) * places;
-        cells * KeptSeen::bytes_per_place(FACTORS.len() + 1) * acquisition.view_angles_rad.len()
+        let image = used.stretch_lines() * acquisition.sensor_px as usize;
+        (cells * KeptSeen::bytes_per_place(FACTORS.len() + 1) + image) * acquisition.view_angles_rad.len()
     };
     let most_bytes = used.iter().map(bytes).max().unwrap_or(1);
     stretches.min((MOST_EVIDENCE_BYTES / most_bytes).max(LEAST_KEPT))

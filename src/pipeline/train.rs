@@ -109,8 +109,7 @@ impl Taught<'_> {
         let views = acquisition.view_angles_rad.len();
         let too_little = || PipelineError::TooLittleRope { aligned_m: self.aligned_m(), needed_m: 2.0 * LEAST_M };
         let mut learnt: Vec<ViewAppearance> = self.learnt.iter().map(|view| judging.cut(view)).collect();
-        let mut scored =
-            cross_scored(&learnt, held, acquisition.rope.strands(), pitch_mm, judging).ok_or_else(too_little)?;
+        let mut scored = cross_scored(&learnt, held, &acquisition.rope, pitch_mm, judging).ok_or_else(too_little)?;
         for (view, held) in learnt.iter_mut().zip(held) {
             if !held.calibrate(view, |_| true) {
                 return Err(too_little());

@@ -47,8 +47,8 @@ impl Defect {
             }
             DefectKind::ArcBurn => {
                 let longer = (0.7 * self.departs(Trait::Shape)).exp();
-                let r =
-                    (((u / longer).powi(2) + v * v).sqrt() / self.half_mm) as f32 + 0.35 * (rough(0.8, 0.7, 4) - 0.5);
+                let ragged = 0.35 * (1.0 + departs(Trait::Edge)) * (rough(0.8, 0.7, 4) - 0.5);
+                let r = (((u / longer).powi(2) + v * v).sqrt() / self.half_mm) as f32 + ragged;
                 if r >= 1.6 {
                     return 0.0;
                 }

@@ -42,6 +42,11 @@ pub const KINDS: [DefectKind; 8] = [
 ];
 
 impl DefectKind {
+    /// The kind of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        KINDS.into_iter().find(|kind| kind.name() == name)
+    }
+
     /// Its name in labels.
     pub fn name(self) -> &'static str {
         match self {
@@ -85,7 +90,7 @@ pub struct Defect {
 /// Longest reach of a defect from its middle in mm.
 pub const REACH_MM: f64 = 80.0;
 
-/// Plants the defects of a scene's recipe: every kind in turn, in places that at least one camera can see.
+/// Plants the defects of a scene's recipe: every kind in turn or the one that is asked for, in places that at least one camera can see.
 pub fn plant(scene: &Scene) -> Vec<Defect> {
     let recipe = scene.recipe();
     let rope = scene.rope();
@@ -93,7 +98,7 @@ pub fn plant(scene: &Scene) -> Vec<Defect> {
     let count = recipe.defects;
     let mut kinds: Vec<DefectKind> = Vec::with_capacity(count);
     while kinds.len() < count {
-        let mut round = KINDS;
+        let mut round = recipe.defect_kind.map_or(KINDS, |kind| [kind; KINDS.len()]);
         round.shuffle(&mut rng);
         kinds.extend(round);
     }
@@ -156,6 +161,7 @@ pub(super) enum Trait {
     Rim,
     Shape,
     Depth,
+    Edge,
 }
 
 impl Defect {

@@ -1,5 +1,7 @@
 //! What to simulate: every option with its meaning, unit and interval.
 
+use super::defects::DefectKind;
+
 /// How the rope is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Kind {
@@ -103,6 +105,8 @@ pub struct Recipe {
     pub background: Background,
     /// Number of defects planted.
     pub defects: usize,
+    /// The kind that all of them are of; every kind in turn if there is none.
+    pub defect_kind: Option<DefectKind>,
     /// No defect before this many metres (the training part).
     pub defect_free_m: f64,
     /// How far defects of one kind differ in look and size, 0 to 1.
@@ -152,6 +156,7 @@ impl Recipe {
             bad_columns: 1,
             background: Background::Dark,
             defects: 0,
+            defect_kind: None,
             defect_free_m: 0.0,
             defect_variety: 0.0,
         }

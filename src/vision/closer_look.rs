@@ -3,8 +3,11 @@
 //! What all factors say of single places picks the suspects, one in some 3 mm of every wire at the most; for each of these the patch
 //! about it decides how high it scores. So the network looks at a thousandth of the rope, and what nobody suspects costs nothing.
 
-use super::damage::Network;
+use super::burn::BurnNetwork;
+use super::damage::{Network, Told};
+use super::detail::Details;
 use super::inspection_model::Seen;
+use super::kind::Likely;
 use super::patch::Patch;
 use super::stretch_scores::{Looked, StretchScores};
 use super::surface_map::PLACES_PER_WIRE;
@@ -15,6 +18,9 @@ pub const SUSPECT: f32 = 2.5;
 pub const COARSEST_MM: f64 = 0.25;
 /// Blocks of a wire that have one suspect at the most.
 pub const SEGMENT_BLOCKS: usize = 6;
+/// Score and logarithm of the odds of a patch from which on the image itself is looked at, for burns. Of the simulated burns that are suspects
+/// at all 99 % have both, of the other suspects one in six.
+pub const DOUBTFUL: (f32, f32) = (3.0, -4.0);
 /// Logarithm of the odds at which the closer look begins to count.
 const LEAST_LOG_ODDS: f32 = -3.0;
 
@@ -77,15 +83,23 @@ fn adds(log_odds: f32) -> f32 {
 }
 
 /// Looks at all suspects of a stretch, and adds what it says to the suspicious places of their segments.
-pub fn look_closer(scores: &mut StretchScores, seen: &Seen, strands: usize) {
-    let network = Network::trained();
+pub fn look_closer(scores: &mut StretchScores, seen: &Seen, mut details: Details<'_>, strands: usize) {
+    let (network, burns) = (Network::trained(), BurnNetwork::trained());
     let mut patch = Patch::default();
     let row = strands * scores.places;
     let end = seen.unrolled.blocks() - seen.margin_blocks;
     let (mut added, mut looks) = (vec![0.0; scores.cells.len()], Vec::new());
     for suspect in suspects(scores, strands, seen.margin_blocks) {
         patch.cut(&seen.unrolled, &seen.evidence[1..], suspect.block, suspect.strand, suspect.wire());
-        let told = network.look(&patch, suspect.score);
+        let mut told = network.look(&patch, suspect.score);
+        if suspect.score >= DOUBTFUL.0 && told.log_odds >= DOUBTFUL.1 {
+            let block = suspect.block - seen.margin_blocks;
+            let detail = details.about(block, suspect.strand, suspect.place);
+            let log_odds = detail.map_or(f32::NEG_INFINITY, |detail| burns.look(detail));
+            if log_odds > told.log_odds {
+                told = Told { log_odds, likely: Likely::SURFACE };
+            }
+        }
         let more = adds(told.log_odds);
         let first = suspect.strand * scores.places + suspect.wire() * PLACES_PER_WIRE;
         let segment = suspect.segment..(suspect.segment + SEGMENT_BLOCKS).min(end);

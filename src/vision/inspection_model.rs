@@ -57,6 +57,9 @@ pub struct AlignedView<'a> {
     pub pitch_mm: f64,
 }
 
+/// A stretch in one view, between those before and after it; `None` for what is not known.
+pub type Beside<'a> = [Option<AlignedView<'a>>; 3];
+
 impl<'a> AlignedView<'a> {
     /// View `v` of a stretch, `cameras[v]` its camera; `None` where it cannot be judged.
     pub fn of(

@@ -2,8 +2,10 @@
 //!
 //! What a part adds shows when it is left out; then the same code runs with less.
 
+use super::burn::SIDE;
 use super::closer_look::{COARSEST_MM, look_closer};
-use super::inspection_model::{Seen, ViewAppearance};
+use super::detail::Details;
+use super::inspection_model::{Beside, Seen, ViewAppearance};
 use super::known_tail::KnownTail;
 use super::mean_filter::{MeanOf, mean_scores};
 use super::residuals::Judged;
@@ -56,12 +58,18 @@ impl Judging {
         view
     }
 
-    /// Scores what was seen of a stretch in one view, of so many strands.
-    pub fn score(&self, view: &ViewAppearance, seen: &Seen, strands: usize, pitch_mm: f64) -> StretchScores {
+    /// Scores what was seen of a stretch in one view, of so many strands; the image is that of the stretch and of those beside it.
+    pub fn score(
+        &self,
+        view: &ViewAppearance,
+        (seen, image): (&Seen, Beside<'_>),
+        strands: usize,
+        pitch_mm: f64,
+    ) -> StretchScores {
         let Filters::Mean(filter, mean_of) = self.filters else {
             let mut scores = view.score(&seen.evidence, pitch_mm);
             if self.looks_closer(view, pitch_mm) {
-                look_closer(&mut scores, seen, strands);
+                look_closer(&mut scores, seen, Details::new(image, &view.gray, SIDE), strands);
             }
             return scores;
         };

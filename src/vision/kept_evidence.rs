@@ -1,8 +1,12 @@
 //! Evidence that waits in memory until a calibration judges it, in half the precision: the more intact rope is held back, the surer
 //! is the threshold that follows from it.
 
-use super::evidence::Evidence;
-use super::inspection_model::Seen;
+use super::camera::Camera;
+use super::estimates::Estimates;
+use super::evidence::{Evidence, UNSEEN};
+use super::inspection_model::{AlignedView, Seen};
+use super::rope::Rope;
+use super::stretch::ViewStretch;
 use super::unrolled::Unrolled;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
@@ -13,13 +17,11 @@ pub struct KeptEvidence {
     /// All but sums and counts.
     rest: Evidence,
     sums: Vec<f16>,
+    /// Empty where every place that was seen counts once, as places of further factors do.
     counts: Vec<f16>,
 }
 
 impl KeptEvidence {
-    /// What it takes for a place of the unrolled rope: sum, count, region.
-    pub const BYTES_PER_PLACE: usize = 5;
-
     /// Evidence in full precision again.
     pub fn unpacked(&self) -> Evidence {
         let wide = |values: &[f16]| {
@@ -27,7 +29,9 @@ impl KeptEvidence {
             values.convert_to_f32_slice(&mut wide);
             wide
         };
-        Evidence { sums: wide(&self.sums), counts: wide(&self.counts), ..self.rest.clone() }
+        let once = || self.rest.regions.iter().map(|&region| once(region)).collect();
+        let counts = if self.counts.is_empty() { once() } else { wide(&self.counts) };
+        Evidence { sums: wide(&self.sums), counts, ..self.rest.clone() }
     }
 }
 
@@ -38,9 +42,17 @@ impl From<Evidence> for KeptEvidence {
             narrow.convert_from_f32_slice(&values);
             narrow
         };
-        let (sums, counts) = (std::mem::take(&mut evidence.sums), std::mem::take(&mut evidence.counts));
+        let (sums, mut counts) = (std::mem::take(&mut evidence.sums), std::mem::take(&mut evidence.counts));
+        if counts.iter().zip(&evidence.regions).all(|(&count, &region)| count == once(region)) {
+            counts.clear();
+        }
         Self { rest: evidence, sums: narrow(sums), counts: narrow(counts) }
     }
+}
+
+/// How often a place counts that counts once if it was seen.
+fn once(region: u8) -> f32 {
+    if region == UNSEEN { 0.0 } else { 1.0 }
 }
 
 /// All that was seen of a stretch in one view.
@@ -49,12 +61,23 @@ pub struct KeptSeen {
     evidence: Vec<KeptEvidence>,
     unrolled: Unrolled,
     margin_blocks: usize,
+    image: KeptImage,
+}
+
+/// The image of a stretch in one view, and where the rope is in it.
+#[derive(Debug, Clone)]
+struct KeptImage {
+    camera: Camera,
+    estimates: Estimates,
+    view: ViewStretch,
+    block_lines: usize,
+    pitch_mm: f64,
 }
 
 impl KeptSeen {
-    /// Bytes that a place of the unrolled rope takes with so many factors.
+    /// Bytes that a place of the unrolled rope takes with so many factors: sums and regions of all, and counts of the first.
     pub const fn bytes_per_place(factors: usize) -> usize {
-        KeptEvidence::BYTES_PER_PLACE * factors + Unrolled::BYTES_PER_PLACE
+        3 * factors + 2 + Unrolled::BYTES_PER_PLACE
     }
 
     /// Evidence of every factor.
@@ -62,17 +85,28 @@ impl KeptSeen {
         &self.evidence
     }
 
+    /// What was seen in an image.
+    pub fn of(
+        seen: Seen,
+        &AlignedView { camera, estimates, view, block_lines, pitch_mm, .. }: &AlignedView<'_>,
+    ) -> Self {
+        let evidence = seen.evidence.into_iter().map(KeptEvidence::from).collect();
+        // Of the view only what is looked at again.
+        let view = ViewStretch { image: view.image.clone(), axis_px: view.axis_px.clone(), ..ViewStretch::default() };
+        let image = KeptImage { camera: camera.clone(), estimates: estimates.clone(), view, block_lines, pitch_mm };
+        Self { evidence, unrolled: seen.unrolled, margin_blocks: seen.margin_blocks, image }
+    }
+
+    /// The image.
+    pub fn image<'a>(&'a self, rope: &'a Rope) -> AlignedView<'a> {
+        let KeptImage { camera, estimates, view, block_lines, pitch_mm } = &self.image;
+        AlignedView { rope, camera, estimates, view, block_lines: *block_lines, pitch_mm: *pitch_mm }
+    }
+
     /// In full precision again.
     pub fn unpacked(&self) -> Seen {
         let evidence = self.evidence.iter().map(KeptEvidence::unpacked).collect();
         Seen { evidence, unrolled: self.unrolled.clone(), margin_blocks: self.margin_blocks }
-    }
-}
-
-impl From<Seen> for KeptSeen {
-    fn from(seen: Seen) -> Self {
-        let evidence = seen.evidence.into_iter().map(KeptEvidence::from).collect();
-        Self { evidence, unrolled: seen.unrolled, margin_blocks: seen.margin_blocks }
     }
 }
 
@@ -91,5 +125,14 @@ mod tests {
         assert!(evidence.sums.iter().zip(&unpacked.sums).all(|(a, b)| (a - b).abs() <= 1e-3 * a.abs() + 1e-6));
         assert_eq!((&unpacked.counts, &unpacked.regions), (&evidence.counts, &evidence.regions));
         assert_eq!((unpacked.both_ways, unpacked.blocks), (true, 40));
+    }
+
+    #[test]
+    fn counts_of_places_that_count_once_take_no_room() {
+        let mut evidence = Evidence::empty(5, 4, 1, 35);
+        (0..70).for_each(|at| evidence.set(2 * at, 1.5, 1.0, 3));
+        let kept = KeptEvidence::from(evidence.clone());
+        assert!(kept.counts.is_empty());
+        assert_eq!(kept.unpacked().counts, evidence.counts);
     }
 }

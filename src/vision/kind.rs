@@ -38,6 +38,9 @@ pub struct Likely {
 }
 
 impl Likely {
+    /// A changed surface, and nothing else.
+    pub const SURFACE: Self = Self { interrupted: 0.0, protruding: 0.0, surface: 1.0 };
+
     /// Both together.
     pub fn joined(self, other: &Self) -> Self {
         Self {

@@ -93,7 +93,8 @@
 //! - [`calibration`]: how those lie on intact rope, learnt from evidence that was held back ([`kept_evidence`])
 //! - [`scoring`]: sums made comparable, and what all factors say of a place
 //! - [`closer_look`]: damage told from what lies on the rope, by the [`patch`] about what was found: gray of the unrolled rope
-//!   ([`unrolled`]) that a small network ([`damage`]) looks at
+//!   ([`unrolled`]) that a small network ([`damage`]) looks at, and in doubt by the [`detail`] of the image, in which another one looks
+//!   for burns ([`burn`])
 //! - [`stretch_scores`]: the scores of a stretch, and views joined
 //! - [`lasting`]: what is rare because it lasts
 //! - [`judging`]: all of that, or parts of it, down to the paper's [`mean_filter`]
@@ -106,6 +107,7 @@ mod aligner_spec;
 pub mod appearance;
 mod banded;
 pub mod bandwidths;
+pub mod burn;
 mod calibrated_width;
 pub mod calibration;
 pub mod camera;
@@ -117,6 +119,7 @@ pub mod course;
 mod courses;
 pub mod damage;
 pub mod defects;
+pub mod detail;
 pub mod diameter;
 pub mod displacement;
 mod edge_search;
@@ -142,6 +145,7 @@ pub mod kept_evidence;
 pub mod kind;
 pub mod known_tail;
 pub mod lasting;
+mod layers;
 mod lock;
 mod looseness;
 pub mod lost_lines;

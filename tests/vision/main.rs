@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on says where")]
 
 mod contours; // edges of drawn ropes
+mod details; // the image about a place, and burns in it
 mod lost_lines; // a camera that loses lines
 mod reference; // the fast alignment against the paper's own
 mod simulated_ropes; // folder in, errors out
