@@ -63,11 +63,10 @@ impl BurnNetwork {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::layers::counts;
+    use crate::vision::layers::counts::{convolution, dense};
 
     #[test]
     fn the_weights_that_are_shipped_are_as_many_as_the_network_has() {
-        let (convolution, dense) = counts();
         let all = convolution(LAYERS, FIRST)
             + convolution(FIRST, SECOND)
             + convolution(SECOND, THIRD)

@@ -89,11 +89,10 @@ fn shares<const K: usize>(logarithms: [f32; K]) -> [f64; K] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::layers::counts;
+    use crate::vision::layers::counts::{convolution, dense};
 
     #[test]
     fn the_weights_that_are_shipped_are_as_many_as_the_network_has() {
-        let (convolution, dense) = counts();
         let all = convolution(LAYERS, FIRST) + convolution(FIRST, SECOND) + convolution(SECOND, THIRD);
         assert_eq!(TRAINED.len() / 4, all + dense(2 * THIRD + 1, LAST) + dense(LAST, RESULTS));
         assert!(numbers(TRAINED).all(f32::is_finite));

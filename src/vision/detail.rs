@@ -30,7 +30,7 @@ pub struct Details<'a> {
     row: ExpectedRow,
     /// What is expected of the columns of a line; NaN where nothing is.
     expected: Vec<f32>,
-    /// `[(row * side + column) * LAYERS + layer]`; 0 where there is no image or nothing is expected.
+    /// `[(row * side + column) * LAYERS + layer]`; 0 where there is no image, the line was lost or nothing is expected.
     values: Vec<f32>,
 }
 
@@ -110,6 +110,9 @@ impl<'a> Details<'a> {
             let Some((part, line)) = self.part_of(spot.line as isize + lines_on) else { continue };
             self.make_ready(part);
             let Some(Part { aligned, map, middles, .. }) = &mut self.parts[part] else { continue };
+            if !aligned.view.lost.within(line..line + 1).is_empty() {
+                continue;
+            }
             let block = (part, line / aligned.block_lines);
             let middle = middles[block.1];
             if expects != Some(block) {

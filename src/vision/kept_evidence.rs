@@ -92,8 +92,9 @@ impl KeptSeen {
     ) -> Self {
         let evidence = seen.evidence.into_iter().map(KeptEvidence::from).collect();
         // Of the view only what is looked at again.
-        let view = ViewStretch { image: view.image.clone(), axis_px: view.axis_px.clone(), ..ViewStretch::default() };
-        let image = KeptImage { camera: camera.clone(), estimates: estimates.clone(), view, block_lines, pitch_mm };
+        let (image, lost, axis_px) = (view.image.clone(), view.lost.clone(), view.axis_px.clone());
+        let view = ViewStretch { image, lost, axis_px, ..ViewStretch::default() };
+        let image = KeptImage { camera: *camera, estimates: estimates.clone(), view, block_lines, pitch_mm };
         Self { evidence, unrolled: seen.unrolled, margin_blocks: seen.margin_blocks, image }
     }
 

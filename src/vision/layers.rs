@@ -3,7 +3,7 @@
 use std::array::from_fn;
 
 /// Size of the kernels along and across.
-pub(super) const KERNEL: usize = 3;
+const KERNEL: usize = 3;
 /// What negative values count after every layer.
 const LEAK: f32 = 0.1;
 
@@ -129,10 +129,16 @@ pub(super) fn numbers(bytes: &[u8]) -> impl Iterator<Item = f32> {
     bytes.as_chunks::<4>().0.iter().map(|&bytes| f32::from_le_bytes(bytes))
 }
 
-/// How many numbers a convolution and a dense layer have.
+/// How many numbers a convolution has, and a dense layer, of so many channels or inputs to so many.
 #[cfg(test)]
-pub(super) fn counts() -> (fn(usize, usize) -> usize, fn(usize, usize) -> usize) {
-    (|channels, k| KERNEL * KERNEL * channels * k + k, |inputs, k| inputs * k + k)
+pub(super) mod counts {
+    pub fn convolution(channels: usize, to: usize) -> usize {
+        super::KERNEL * super::KERNEL * channels * to + to
+    }
+
+    pub fn dense(inputs: usize, to: usize) -> usize {
+        inputs * to + to
+    }
 }
 
 #[cfg(test)]
