@@ -29,7 +29,7 @@ from paint import BRIGHT, BURN, DARK, DROP, NOTHING, SIDE, SPECKS, paint
 
 SHOWN = slice(8, 56)  # of a detail; the rest is there to be shifted in
 CHANNELS, LAST = (12, 24, 32, 48), 32
-METRES, DEFECTS = 8, 36
+fit.METRES, fit.DEFECTS = 8, 36
 HEAD = 5
 SCALE = np.array([1 / 127, 1 / 32], np.float32)  # details are kept in bytes
 BURNS_SHARE = 0.1  # what simulated burns count in all beside intact rope; painted ones count as what they are painted on
@@ -49,7 +49,7 @@ def details(seed, data, program, burnt):
     folder, kept = data / f"rope{seed}", data / f"details{seed}.npz"
     if not kept.exists():
         only = ["--defect-kind", "arc_burn"] if burnt else []
-        fit.run(program, "simulate", "--force", "--out", folder, *fit.options(seed), "--metres", METRES, "--defects", DEFECTS, *only)
+        fit.run(program, "simulate", "--force", "--out", folder, *fit.options(seed), *only)
         (data / "rope.model").unlink(missing_ok=True)
         fit.run(program, "train", folder, "--to-m", fit.TRAIN_M, "--out", data / "rope.model")
         head, values = cut(folder, data / "rope.model", data, program)
