@@ -112,6 +112,28 @@ fn intact_rope_deviates_little_in_details_on_either_side_of_the_end_of_a_stretch
 }
 
 #[test]
+fn a_wire_runs_straight_down_through_its_detail() {
+    let burnt = burnt();
+    const ON: usize = 20; // rows that four blocks of half a millimetre make
+    let mut apart = Vec::new();
+    burnt.details([burnt.view(2), burnt.view(3), burnt.view(4)], |details| {
+        for (strand, place, column) in burnt.places(3, 100) {
+            let later = details.about(104, strand, place).map(<[f32]>::to_vec);
+            let (Some(here), Some(later)) = (details.about(100, strand, place), later) else { continue };
+            if (140..340).contains(&column) {
+                // The same rope, seen about two places of one wire: both show it in the same columns.
+                let row = SIDE * LAYERS;
+                let pairs = here[ON * row..].iter().zip(&later).step_by(LAYERS);
+                let (sum, n) = pairs.fold((0.0, 0.0), |(sum, n), (a, b)| (sum + (a - b).abs(), n + 1.0));
+                apart.push(sum / n);
+            }
+        }
+    });
+    let mean = apart.iter().sum::<f32>() / apart.len() as f32;
+    assert!(apart.len() >= 4 && mean < 0.05, "{apart:?}");
+}
+
+#[test]
 fn beyond_what_was_recorded_a_detail_is_empty_and_a_place_out_of_view_has_none() {
     let burnt = burnt();
     burnt.details([None, burnt.view(3), None], |details| {
