@@ -2,6 +2,7 @@
 
 use anyhow::{Context, bail};
 use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
 use ropescope::simulate::defects::{DefectKind, KINDS};
 use ropescope::simulate::{Background, Recipe, RenderProgress, Scene, write_acquisition};
@@ -168,8 +169,8 @@ pub(crate) struct SimulateArgs {
     /// Number of defects, of every kind in turn unless --defect-kind says which [default: 0]
     #[arg(long, value_name = "N", help_heading = "Defects")]
     defects: Option<usize>,
-    /// The kind that all defects are of: broken_wire, missing_wire, corrosion, arc_burn, lifted_wire, notch, loose_wire or abrasion
-    #[arg(long, value_name = "KIND", value_parser = kind_named, help_heading = "Defects")]
+    /// The kind that all defects are of
+    #[arg(long, value_name = "KIND", value_parser = defect_kinds(), help_heading = "Defects")]
     defect_kind: Option<DefectKind>,
     /// No defect before this metre of the acquisition: the part to train on [default: 0]
     #[arg(long, value_name = "M", help_heading = "Defects")]
@@ -240,9 +241,10 @@ impl SimulateArgs {
     }
 }
 
-fn kind_named(name: &str) -> Result<DefectKind, String> {
-    let known = || KINDS.map(DefectKind::name).join(", ");
-    DefectKind::named(name).ok_or_else(|| format!("there is no such kind; the kinds are {}", known()))
+/// Kinds of defects by the names that labels give them.
+fn defect_kinds() -> impl TypedValueParser<Value = DefectKind> {
+    PossibleValuesParser::new(KINDS.map(DefectKind::name))
+        .try_map(|name| DefectKind::named(&name).ok_or("no such kind"))
 }
 
 /// Runs the command.
