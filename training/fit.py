@@ -18,8 +18,6 @@ of the same, counting as below, from the mean of the weights before and after th
 
 import argparse
 import json
-import random
-import subprocess
 from pathlib import Path
 
 import jax
@@ -27,44 +25,16 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from ropes import KINDS, TRAIN_M, options, run
+
 BLOCKS, PLACES, LAYERS = 28, 15, 10
 ROW = 5 + BLOCKS * PLACES * LAYERS
 CHANNELS = (10, 20, 32, 24)
-TRAIN_M, METRES, DEFECTS = 2.5, 6, 20
-KINDS = ["broken_wire", "missing_wire", "corrosion", "arc_burn", "lifted_wire", "notch", "loose_wire", "abrasion"]
+METRES, DEFECTS = 6, 20
 LOOKS = np.array([0, 0, 2, 2, 1, 2, 1, 2])  # of every kind: a wire is interrupted, stands out, has another surface
 KIND_COUNTS = 0.3  # what telling kinds apart counts beside telling damage
 DAMAGE_SHARE = 0.4  # what damage counts in all beside intact rope
 ARC_COUNTS = 3  # what burns count beside other damage: small, rare, and like drops
-ROPES = [  # strands, wires, diameter, strand lay, wire lay; None: the usual one
-    (6, 9, 32, None, None), (8, 7, 40, None, None), (8, 9, 36, -245, -88), (6, 9, 32, -220, 95), (6, 12, 28, None, None),
-    (6, 10, 40, 290, 110), (7, 8, 32, None, None), (6, 9, 30, 210, -90), (5, 8, 30, None, None), (6, 8, 36, None, None),
-    (8, 9, 44, None, None), (6, 11, 34, -235, 100),
-]
-
-
-def options(seed):
-    """Options of `simulate` for a rope, by chance."""
-    chance = random.Random(seed)
-    strands, wires, diameter, strand_lay, wire_lay = chance.choice(ROPES)
-    lays = [f"--strand-lay-mm={strand_lay}", f"--wire-lay-mm={wire_lay}"] if strand_lay else []
-    chosen = {
-        "strands": strands, "wires": wires, "diameter-mm": diameter, "metres": METRES, "defects": DEFECTS,
-        "defect-free-m": TRAIN_M, "seed": seed, "dirt": chance.choice([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]),
-        "exposure": round(chance.uniform(0.6, 1.4), 2), "gray-noise": round(chance.uniform(1.5, 4.5), 1),
-        "oscillation-px": round(chance.uniform(2, 14), 1), "oil-spots-per-m": chance.choice([0, 0.5, 1, 2, 4]),
-        "water": chance.choice([0, 0, 0, 0.05, 0.15]), "scratches-per-m": chance.choice([0, 1, 3, 8]),
-        "debris-per-m": chance.choice([0, 2, 6, 10, 10]), "light-drift": chance.choice([0, 0.05, 0.1, 0.2]),
-        "background": chance.choice(["dark", "dark", "dark", "bright"]), "gloss": round(chance.uniform(0.4, 1.8), 2),
-        "lamp-spread": round(chance.uniform(0.5, 1.6), 2), "blur-px": round(chance.uniform(0.4, 0.9), 2),
-        "defect-variety": round(chance.uniform(0, 1), 2), "vignetting": round(chance.uniform(0.05, 0.35), 2),
-        "bad-columns": chance.choice([0, 1, 1, 3]), "strand-jitter-rad": round(chance.uniform(0.02, 0.05), 3),
-    }
-    return lays + [word for key, value in chosen.items() for word in (f"--{key}", str(value))]
-
-
-def run(*words):
-    subprocess.run([str(word) for word in words], check=True, capture_output=True)
 
 
 def cut(recording, model, data, program):
@@ -90,7 +60,7 @@ def patches(seed, data, program):
     """Patches, scores, whether they show damage, which defect and where, of one rope."""
     folder, kept = data / f"rope{seed}", data / f"rope{seed}.npz"
     if not kept.exists():
-        run(program, "simulate", "--force", "--out", folder, *options(seed))
+        run(program, "simulate", "--force", "--out", folder, *options(seed, METRES, DEFECTS))
         run(program, "train", folder, "--to-m", TRAIN_M, "--out", data / "rope.model")
         (view, line, column, score), values = cut(folder, data / "rope.model", data, program)
         damage, defect, kind = np.zeros(len(score), int), np.full(len(score), -1), np.full(len(score), -1)
@@ -102,7 +72,7 @@ def patches(seed, data, program):
             defect[inside], kind[inside] = label["defect"], KINDS.index(label["kind"])
         told = (damage >= 0) & (line > (TRAIN_M * 1000 + 100) * 10)
         np.savez(kept, values=values[told], score=score[told], damage=damage[told], defect=seed * 1000 + defect[told], kind=kind[told], view=view[told], line=line[told])
-        subprocess.run(["rm", "-r", folder])
+        run("rm", "-r", folder)
     found = np.load(kept)
     return tuple(found[name] for name in ("values", "score", "damage", "defect", "kind", "view", "line"))
 

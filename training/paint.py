@@ -4,82 +4,88 @@ Simulated ropes have some hundred burns between them; burns by chance on rope of
 detail is told in bins, 32 g/(g + light): g over light follows, so what is painted darkens and brightens as paint on the rope would.
 """
 
-import jax
-import jax.numpy as jnp
+import math
 
-SIDE = 64
-NOTHING, BURN, DROP, DARK, BRIGHT, SPECKS = range(6)
-AT = jnp.arange(SIDE) - (SIDE - 1) / 2
+import torch
+import torch.nn.functional as F
 
-
-def roughness(key, count, cells):
-    """Smooth fields of chance with so many cells a side."""
-    return jax.image.resize(jax.random.normal(key, (count, cells, cells)), (count, SIDE, SIDE), "cubic")
+SIDE = 48
+BURN, DROP, DARK, BRIGHT, SPECKS, FIBRES = range(6)
+AT = torch.arange(SIDE) - (SIDE - 1) / 2
 
 
-def not_zero_near(layer):
-    """Where a value or one beside it is known; 0 stands for what is not, and now and then for a 0."""
-    return jax.lax.reduce_window((layer != 0).astype(jnp.float32), 0.0, jax.lax.max, (1, 3, 3), (1, 1, 1), "SAME") > 0
+def paint(details, what):
+    """Details `[n, row, column, (gray/16 - 1, deviation/4 bins)]`, each with one of what is asked for somewhere about its middle."""
+    n, sides = len(details), (AT[None, None, :], AT[None, :, None])
+    chance = lambda low, high: torch.rand(n, 1, 1) * (high - low) + low
+    log_chance = lambda low, high: torch.exp(chance(math.log(low), math.log(high)))
+    angle = lambda: chance(0, 2 * math.pi)
+    edge = lambda r, width: torch.sigmoid((1 - r) / width * 2)
+    # Smooth fields of chance with so many cells a side.
+    rough = lambda cells: F.interpolate(torch.randn(n, 1, cells, cells), (SIDE, SIDE), mode="bicubic", align_corners=False)[:, 0]
+    dot = lambda px, py, sx, sy: torch.exp(-((sides[0] - px) ** 2) / (2 * sx**2) - (sides[1] - py) ** 2 / (2 * sy**2))
+    # Where a value or one beside it is known; 0 stands for what is not, and now and then for a 0.
+    seen, known = (F.max_pool2d((layer != 0).float()[:, None], 3, 1, 1)[:, 0] for layer in (details[..., 0], details[..., 1]))
+    gray = (details[..., 0] + 1) * 16
+    light = gray / torch.clamp(32 - gray, min=0.5)
 
-
-def paint(key, details, what):
-    """Details `[n, row, column, (gray/16 - 1, deviation/4 bins)]` with what is asked for on each."""
-    n, keys = len(details), iter(jax.random.split(key, 64))
-    chance = lambda low, high: jax.random.uniform(next(keys), (n, 1, 1), minval=low, maxval=high)
-    log_chance = lambda low, high: jnp.exp(chance(jnp.log(low), jnp.log(high)))
-    angle = lambda: chance(0, 2 * jnp.pi)
-    edge = lambda r, width: jax.nn.sigmoid((1 - r) / width * 2)
-    gray, (seen, known) = (details[..., 0] + 1) * 16, map(not_zero_near, (details[..., 0], details[..., 1]))
-    light = gray / jnp.maximum(32 - gray, 0.5)
-
-    # A spot somewhere about the middle: its radius, and how far every place is from its own middle in radii.
+    # A spot: its radius, and how far every place is from its middle in radii.
     radius = log_chance(4.0, 30.0)
-    middle_x, middle_y = chance(-1, 1) * jnp.minimum(8, radius * 0.8), chance(-1, 1) * jnp.minimum(10, radius * 0.9)
-    x, y = AT[None, None, :] - middle_x, AT[None, :, None] - middle_y
-    turn, longer = chance(0, jnp.pi), jnp.exp(0.25 * jax.random.normal(next(keys), (n, 1, 1)))
-    along, across = x * jnp.cos(turn) + y * jnp.sin(turn), -x * jnp.sin(turn) + y * jnp.cos(turn)
-    coarse, medium, fine, grain = (roughness(next(keys), n, cells) for cells in (7, 13, 22, 40))
-    away = jnp.sqrt((along * jnp.sqrt(longer)) ** 2 + (across / jnp.sqrt(longer)) ** 2) / radius
-    ragged = jnp.select(
-        [what[:, None, None] == BURN, what[:, None, None] == DROP],
-        [chance(0, 0.16) * chance(0, 1.6), chance(0, 0.05)],
-        chance(0.05, 0.35),
-    )
-    r = away + ragged * (jnp.where(radius < 12, medium, coarse) + 0.4 * fine)
-    direction = jnp.arctan2(y, x)
-    dot = lambda px, py, sx, sy: jnp.exp(-((AT[None, None, :] - px) ** 2) / (2 * sx**2) - (AT[None, :, None] - py) ** 2 / (2 * sy**2))
+    middle_x, middle_y = chance(-1, 1) * torch.clamp(radius * 0.8, max=8), chance(-1, 1) * torch.clamp(radius * 0.9, max=10)
+    x, y = sides[0] - middle_x, sides[1] - middle_y
+    turn, longer = chance(0, math.pi), torch.exp(0.25 * torch.randn(n, 1, 1))
+    along, across = x * torch.cos(turn) + y * torch.sin(turn), -x * torch.sin(turn) + y * torch.cos(turn)
+    away, fine = torch.sqrt(along**2 * longer + across**2 / longer) / radius, rough(22)
+    if what == BURN:
+        ragged = chance(0, 0.16) * chance(0, 1.6)
+    elif what == DROP:
+        ragged = chance(0, 0.05)
+    else:
+        ragged = chance(0.05, 0.35)
+    r = away + ragged * (torch.where(radius < 12, rough(13), rough(7)) + 0.4 * fine)
 
-    # Burn: a crater, a rim that is brighter towards the lamp, and a tarnished halo.
-    crater, halo_to = edge(r, chance(0.03, 0.22)), chance(1.3, 2.3)
-    rim = jnp.exp(-(((r - chance(0.85, 1.25)) / chance(0.08, 0.35)) ** 2)) * (1 + chance(0, 0.9) * jnp.cos(direction - angle()))
-    halo = jnp.clip((halo_to - r) / (halo_to - 1), 0, 1)
-    burn = (1 - halo * chance(-0.05, 0.4)) * (1 - crater * chance(0.15, 0.8)) * (1 + 0.6 * crater * chance(0, 0.35) * grain)
-    burn = light * burn + rim * log_chance(0.12, 1.1) * (0.75 * light + 0.25 * jnp.clip(light, 0, 1.5))
+    if what == BURN:  # a crater, a rim that is brighter towards the lamp, and a tarnished halo
+        crater, halo_to = edge(r, chance(0.03, 0.22)), chance(1.3, 2.3)
+        rim = torch.exp(-(((r - chance(0.85, 1.25)) / chance(0.08, 0.35)) ** 2))
+        rim = rim * (1 + chance(0, 0.9) * torch.cos(torch.atan2(y, x) - angle()))
+        halo = torch.clamp((halo_to - r) / (halo_to - 1), 0, 1)
+        painted = light * (1 - halo * chance(-0.05, 0.4)) * (1 - crater * chance(0.15, 0.8)) * (1 + 0.6 * crater * chance(0, 0.35) * rough(40))
+        painted = painted + rim * log_chance(0.12, 1.1) * (0.75 * light + 0.25 * light.clamp(0, 1.5))
+    elif what == DROP:  # a lens that turns what is behind it over, with a dark outline and one or two bright dots
+        inside, turned = edge(r, chance(0.02, 0.08)), chance(0, 0.9)
+        outline = torch.exp(-(((r - chance(0.9, 1.02)) / chance(0.04, 0.15)) ** 2)) * chance(-0.12, 0.45)
+        size = radius * chance(0.08, 0.3) + 0.8
+        place = lambda reach: (middle_x + radius * chance(-reach, reach), middle_y + radius * chance(-reach, reach))
+        dots = dot(*place(0.6), size, size * chance(0.7, 1.4)) * chance(0.4, 3.2)
+        size = size * chance(0.5, 1.5)
+        dots = dots + dot(*place(0.8), size, size * chance(0.7, 1.4)) * chance(0, 1)
+        lens = light + inside * turned * (light.flip(1, 2) - light)
+        tilt = chance(0, 0.35) * (x * torch.cos(angle()) + y * torch.sin(angle())) / radius
+        painted = lens * (1 - inside * (1 - chance(0.5, 1.08) * (1 + tilt))) * (1 - outline) + inside * dots
+    elif what == DARK:  # tar and grease, now and then with a gleam
+        blob = edge(r, chance(0.03, 0.4))
+        at = (middle_x + radius * chance(-0.5, 0.5), middle_y + radius * chance(-0.5, 0.5))
+        gleam = dot(*at, radius * chance(0.05, 0.2) + 0.7, radius * chance(0.1, 0.5) + 1) * chance(0, 1) * (chance(0, 1) > 0.6)
+        painted = light * (1 - blob * chance(0.25, 0.92) * (1 + 0.15 * fine)) + blob * gleam
+    elif what == BRIGHT:  # lime and paint
+        painted = light * (1 + edge(r, chance(0.03, 0.4)) * chance(0.15, 1.2) * (1 + 0.3 * fine))
+    elif what == FIBRES:  # one or two, bent or straight, bright or dark: rims without a crater
+        painted = light
+        for often in (1.0, 0.3):
+            bend, width = log_chance(4.0, 150.0), log_chance(0.6, 1.8)
+            towards, reach = angle(), log_chance(4.0, 26.0)
+            from_x, from_y = x + bend * torch.cos(towards), y + bend * torch.sin(towards)
+            turned = torch.remainder(torch.atan2(from_y, from_x) - towards + math.pi, 2 * math.pi) - math.pi
+            ends = torch.sigmoid((reach - turned.abs() * bend) / 1.0)
+            line = torch.exp(-(((torch.sqrt(from_x**2 + from_y**2) - bend) / width) ** 2)) * ends
+            amount = log_chance(0.1, 0.9) * torch.where(chance(0, 1) < 0.6, 1.0, -1.0) * (chance(0, 1) < often)
+            painted = painted * (1 + line * amount) + 0.15 * line * amount.clamp(min=0)
+    else:  # specks of dirt
+        speck = torch.sigmoid((0.7 * rough(40) + 0.5 * fine - chance(1.2, 1.9)) * 6) * torch.sigmoid((1.6 - away) / 0.2)
+        painted = light * (1 - speck * chance(0.2, 0.8))
 
-    # Drop: a lens that turns what is behind it over, with a dark outline and one or two bright dots.
-    inside, turned = edge(r, chance(0.02, 0.08)), chance(0, 0.9)
-    outline = jnp.exp(-(((r - chance(0.9, 1.02)) / chance(0.04, 0.15)) ** 2)) * chance(-0.12, 0.45)
-    size = radius * chance(0.08, 0.3) + 0.8
-    dots = [
-        dot(middle_x + radius * chance(-f, f), middle_y + radius * chance(-f, f), size * s, size * s * chance(0.7, 1.4)) * chance(low, high)
-        for f, s, low, high in ((0.6, 1.0, 0.4, 3.2), (0.8, chance(0.5, 1.5), 0.0, 1.0))
-    ]
-    lens = light + inside * turned * (light[:, ::-1, ::-1] - light)
-    tilt = chance(0, 0.35) * (x * jnp.cos(angle()) + y * jnp.sin(angle())) / radius
-    drop = lens * (1 - inside * (1 - chance(0.5, 1.08) * (1 + tilt))) * (1 - outline) + inside * sum(dots)
-
-    # Tar and grease, now and then with a gleam; lime and paint; specks of dirt.
-    blob = edge(r, chance(0.03, 0.4))
-    gleam = dot(middle_x + radius * chance(-0.5, 0.5), middle_y + radius * chance(-0.5, 0.5), radius * chance(0.05, 0.2) + 0.7, radius * chance(0.1, 0.5) + 1)
-    dark = light * (1 - blob * chance(0.25, 0.92) * (1 + 0.15 * fine)) + blob * gleam * chance(0, 1) * (chance(0, 1) > 0.6)
-    bright = light * (1 + blob * chance(0.15, 1.2) * (1 + 0.3 * fine))
-    speck = jax.nn.sigmoid((0.7 * grain + 0.5 * fine - chance(1.2, 1.9)) * 6) * jax.nn.sigmoid((1.6 - away) / 0.2)
-    specks = light * (1 - speck * chance(0.2, 0.8))
-
-    painted = jnp.select([what[:, None, None] == k for k in (BURN, DROP, DARK, BRIGHT, SPECKS)], [burn, drop, dark, bright, specks], light)
-    painted = jnp.maximum(painted, 0.03 * light)
+    painted = torch.maximum(painted, 0.03 * light)
     change, blur = 32 * painted / (1 + painted) - gray, chance(0, 0.25)  # the lens blurs it
     for axis in (1, 2):
-        change = change * (1 - 2 * blur) + blur * (jnp.roll(change, 1, axis) + jnp.roll(change, -1, axis))
-    change = change * (what != NOTHING)[:, None, None]
-    return jnp.stack([details[..., 0] + seen * change / 16, details[..., 1] + known * change / 4], -1)
+        change = change * (1 - 2 * blur) + blur * (change.roll(1, axis) + change.roll(-1, axis))
+    return torch.stack([details[..., 0] + seen * change / 16, details[..., 1] + known * change / 4], -1)

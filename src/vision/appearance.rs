@@ -231,7 +231,7 @@ impl Appearance {
 pub const TABLES: [usize; 3] = [CELLS * GRAY_BINS, CELLS * GRAY_BINS, CELLS];
 
 /// The two bins between whose middles a place lies, by the first of them, and how far it is on the way to the second.
-#[inline]
+#[inline(always)]
 pub(super) fn between_middles(at: f32, bins: usize) -> (usize, f32) {
     let from_first = within(at - 0.5, bins as f32 - 1.001);
     let first = whole(from_first);

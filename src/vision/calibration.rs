@@ -36,7 +36,7 @@ pub struct RegionLevel {
 }
 
 /// Sum of scores over so many pixels, divided by its standard deviation.
-#[inline]
+#[inline(always)]
 pub(super) fn normalised(sum: f32, pixels: f32, shared: f32) -> f32 {
     sum / (pixels + shared * pixels * pixels).sqrt()
 }

@@ -2,13 +2,12 @@
 //!
 //! What all factors say of single places picks the suspects, one in some 3 mm of every wire at the most; for each of these the patch
 //! about it decides how high it scores. So the network looks at a thousandth of the rope, and what nobody suspects costs nothing. Where it
-//! is in some doubt, another one looks for a burn in the image itself, whose rim a patch does not show.
+//! is in some doubt, another one looks at the image itself, whose details a patch does not show.
 
-use super::burn::BurnNetwork;
-use super::damage::{Network, Told};
+use super::damage::Network;
 use super::detail::Details;
+use super::detail_network::DetailNetwork;
 use super::inspection_model::Seen;
-use super::kind::Likely;
 use super::patch::Patch;
 use super::stretch_scores::{Looked, StretchScores};
 use super::surface_map::PLACES_PER_WIRE;
@@ -19,7 +18,7 @@ pub const SUSPECT: f32 = 2.5;
 pub const COARSEST_MM: f64 = 0.25;
 /// Blocks of a wire that have one suspect at the most.
 pub const SEGMENT_BLOCKS: usize = 6;
-/// Score and logarithm of the odds of a patch from which on the image itself is looked at, for burns: 99 % of the simulated burns that are
+/// Score and logarithm of the odds of a patch from which on the image itself is looked at: 99 % of the simulated burns that are
 /// suspects have both, and 43 % of all suspects of the labelled sample.
 pub const DOUBTFUL: (f32, f32) = (3.0, -4.0);
 /// Logarithm of the odds at which the closer look begins to count.
@@ -85,7 +84,7 @@ fn adds(log_odds: f32) -> f32 {
 
 /// Looks at all suspects of a stretch, and adds what it says to the suspicious places of their segments.
 pub fn look_closer(scores: &mut StretchScores, seen: &Seen, mut details: Details<'_>, strands: usize) {
-    let (network, burns) = (Network::trained(), BurnNetwork::trained());
+    let (network, of_details) = (Network::trained(), DetailNetwork::trained());
     let mut patch = Patch::default();
     let row = strands * scores.places;
     let end = seen.unrolled.blocks() - seen.margin_blocks;
@@ -95,10 +94,8 @@ pub fn look_closer(scores: &mut StretchScores, seen: &Seen, mut details: Details
         let mut told = network.look(&patch, suspect.score);
         if suspect.score >= DOUBTFUL.0 && told.log_odds >= DOUBTFUL.1 {
             let block = suspect.block - seen.margin_blocks;
-            let detail = details.about(block, suspect.strand, suspect.place);
-            let log_odds = detail.map_or(f32::NEG_INFINITY, |detail| burns.look(detail));
-            if log_odds > told.log_odds {
-                told = Told { log_odds, likely: Likely::SURFACE };
+            if let Some(detail) = details.about(block, suspect.strand, suspect.place) {
+                told = of_details.look(detail, told, suspect.score);
             }
         }
         let more = adds(told.log_odds);

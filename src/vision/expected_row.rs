@@ -39,6 +39,7 @@ impl ExpectedRow {
     }
 
     /// Looks up a run: its pixels come first in `expected`.
+    #[inline(always)]
     pub fn look_up(&mut self, gray: &Appearance, run: &Run<'_>) {
         let (strand, share) = between_middles(run.strand_at, STRAND_BINS);
         let (near, far) = gray.expected_cells(cell(strand, 0, 0)..cell(strand + 2, 0, 0)).split_at(ROW);

@@ -1,6 +1,7 @@
 //! Rows of sums that filters along the wires are made of: across the wires first, then moved along the rope.
 
 use super::evidence::Evidence;
+use pulp::Arch;
 use std::ops::Range;
 
 /// Rows of sums of one strand, block after block.
@@ -12,6 +13,21 @@ pub(super) struct Rows {
 impl Rows {
     /// Sums over `HALF` places to either side of every place of a strand.
     pub fn across<const HALF: usize>(
+        &mut self,
+        evidence: &Evidence,
+        strand: usize,
+        blocks: Range<usize>,
+        value: impl Fn(f32, f32) -> f32,
+    ) {
+        Arch::new().dispatch(
+            #[inline(always)]
+            || self.across_side_by_side::<HALF>(evidence, strand, blocks, value),
+        );
+    }
+
+    /// The same, as wide as the processor's registers are; it is inlined to be compiled for each width.
+    #[inline(always)]
+    fn across_side_by_side<const HALF: usize>(
         &mut self,
         evidence: &Evidence,
         strand: usize,
@@ -57,16 +73,20 @@ impl Window {
     pub fn move_to(&mut self, middle: usize, of_sums: &Rows, sums: &mut [f32], of_pixels: &Rows, pixels: &mut [f32]) {
         let row = sums.len();
         let to = middle.saturating_sub(self.half)..(middle + self.half + 1).min(self.rows);
-        for new in self.under.end..to.end {
-            let new = new * row..(new + 1) * row;
-            sums.iter_mut().zip(&of_sums.values[new.clone()]).for_each(|(sum, new)| *sum += new);
-            pixels.iter_mut().zip(&of_pixels.values[new]).for_each(|(sum, new)| *sum += new);
-        }
-        for old in self.under.start..to.start {
-            let old = old * row..(old + 1) * row;
-            sums.iter_mut().zip(&of_sums.values[old.clone()]).for_each(|(sum, old)| *sum -= old);
-            pixels.iter_mut().zip(&of_pixels.values[old]).for_each(|(sum, old)| *sum -= old);
-        }
+        let (new, old) = (self.under.end..to.end, self.under.start..to.start);
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for (values, to) in [(&of_sums.values, sums), (&of_pixels.values, pixels)] {
+                    for row in new.clone().map(|new| &values[new * row..(new + 1) * row]) {
+                        to.iter_mut().zip(row).for_each(|(sum, new)| *sum += new);
+                    }
+                    for row in old.clone().map(|old| &values[old * row..(old + 1) * row]) {
+                        to.iter_mut().zip(row).for_each(|(sum, old)| *sum -= old);
+                    }
+                }
+            },
+        );
         self.under = to;
     }
 }

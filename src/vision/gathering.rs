@@ -10,6 +10,7 @@ use super::grain::Compared;
 use super::histogram::GRAY_BINS;
 use super::surface_map::{Run, whole, within};
 use super::unrolled::{FINE_PER_WIRE, GraySums};
+use pulp::Arch;
 use std::ops::{AddAssign, Range};
 
 /// Sums over the pixels of one place in one block. A pixel of the middle line stands for those of all lines.
@@ -124,6 +125,22 @@ impl<'a> Gathering<'a> {
         places: &mut [Sums],
         fine: &mut [GraySums],
     ) {
+        Arch::new().dispatch(
+            #[inline(always)]
+            || self.add_side_by_side(run, blind, lines, places, fine),
+        );
+    }
+
+    /// The same, as wide as the processor's registers are; it is inlined to be compiled for each width.
+    #[inline(always)]
+    fn add_side_by_side(
+        &mut self,
+        run: &Run<'_>,
+        blind: &[Range<usize>],
+        lines: &[Line<'_>],
+        places: &mut [Sums],
+        fine: &mut [GraySums],
+    ) {
         let n = run.cells.len();
         self.row.look_up(self.gray, run);
         if self.judged == Judged::Gray {
@@ -170,6 +187,7 @@ impl<'a> Gathering<'a> {
     }
 
     /// Sums gray values and their scores in one line. Beyond the image's edge its last pixel goes on.
+    #[inline(always)]
     fn see(&mut self, run: &Run<'_>, line: &Line<'_>) {
         let n = run.cells.len();
         let last_px = line.grays.len() as f32 - 0.5;
@@ -197,6 +215,7 @@ impl<'a> Gathering<'a> {
     }
 
     /// Sums changes along the wire, from the line before that is compared to this one, and across it.
+    #[inline(always)]
     fn compare(&mut self, run: &Run<'_>, pair: &Compared<'_>, axis_moved_px: f32) {
         let n = run.cells.len();
         let last_px = pair.now.len() as f32 - 1.5;

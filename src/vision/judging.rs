@@ -2,9 +2,9 @@
 //!
 //! What a part adds shows when it is left out; then the same code runs with less.
 
-use super::burn::SIDE;
 use super::closer_look::{COARSEST_MM, look_closer};
 use super::detail::Details;
+use super::detail_network::SIDE;
 use super::inspection_model::{Beside, Seen, ViewAppearance};
 use super::known_tail::KnownTail;
 use super::mean_filter::{MeanOf, mean_scores};

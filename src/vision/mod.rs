@@ -93,8 +93,8 @@
 //! - [`calibration`]: how those lie on intact rope, learnt from evidence that was held back ([`kept_evidence`])
 //! - [`scoring`]: sums made comparable, and what all factors say of a place
 //! - [`closer_look`]: damage told from what lies on the rope, by the [`patch`] about what was found: gray of the unrolled rope
-//!   ([`unrolled`]) that a small network ([`damage`]) looks at, and in doubt by the [`detail`] of the image, in which another one looks
-//!   for burns ([`burn`])
+//!   ([`unrolled`]) that a small network ([`damage`]) looks at, and in doubt by the [`detail`] of the image that another one looks at
+//!   ([`detail_network`])
 //! - [`stretch_scores`]: the scores of a stretch, and views joined
 //! - [`lasting`]: what is rare because it lasts
 //! - [`judging`]: all of that, or parts of it, down to the paper's [`mean_filter`]
@@ -107,7 +107,6 @@ mod aligner_spec;
 pub mod appearance;
 mod banded;
 pub mod bandwidths;
-pub mod burn;
 mod calibrated_width;
 pub mod calibration;
 pub mod camera;
@@ -120,6 +119,7 @@ mod courses;
 pub mod damage;
 pub mod defects;
 pub mod detail;
+pub mod detail_network;
 pub mod diameter;
 pub mod displacement;
 mod edge_search;

@@ -9,6 +9,7 @@ use super::calibration::{FilterCalibration, LEAST_SHARE, normalised};
 use super::evidence::{Evidence, UNSEEN};
 use super::filtering::{Filtered, Steps, TOGETHER};
 use super::stretch_scores::StretchScores;
+use pulp::Arch;
 
 /// Finding that is usual: one place in sixteen of intact rope has it. What is beyond counts.
 const USUAL: f32 = 1.2;
@@ -57,6 +58,15 @@ impl Judge {
     /// Adds to `scores` what was found beyond the usual: minus the decimal logarithm of how often intact rope exceeds it, weighed. A
     /// score that is NaN until then becomes known; where too few pixels fell in, it stays as it is.
     fn add(&self, scores: &mut [f32], filtered: &Filtered<'_>) {
+        Arch::new().dispatch(
+            #[inline(always)]
+            || self.add_side_by_side(scores, filtered),
+        );
+    }
+
+    /// The same, as wide as the processor's registers are; it is inlined to be compiled for each width.
+    #[inline(always)]
+    fn add_side_by_side(&self, scores: &mut [f32], filtered: &Filtered<'_>) {
         let places = filtered.sums.as_chunks::<TOGETHER>().0.iter().zip(filtered.pixels.as_chunks::<TOGETHER>().0);
         let places = places.zip(filtered.regions.chunks(TOGETHER)).zip(scores.chunks_mut(TOGETHER));
         for (((sums, pixels), regions), scores) in places {
@@ -82,7 +92,7 @@ impl Judge {
 }
 
 /// The sum, of which nothing is known yet while it is NaN, and what is added to it.
-#[inline]
+#[inline(always)]
 fn sum_of_known(sum: f32, add: f32) -> f32 {
     if sum.is_nan() { add } else { sum + add }
 }

@@ -9,6 +9,7 @@ use super::estimates::Estimates;
 use super::histogram::{DISTANCE_BINS, STRAND_BINS, Theta, WIRE_BINS, cell};
 use super::rope::Rope;
 use super::surface::{Outlines, StrandSpan, wrap_rad};
+use pulp::Arch;
 
 /// Places per wire, across its course, that the unrolled rope is divided into.
 pub const PLACES_PER_WIRE: usize = 5;
@@ -187,7 +188,11 @@ impl<'a> SurfaceMap<'a> {
         self.outlines.visible_spans(&self.phases, &mut self.spans);
         for s in 0..self.spans.len() {
             let span = self.spans[s];
-            let Some(Filled { strand_at, from, to }) = self.map_span(span, f64::from(axis_px)) else { continue };
+            let filled = Arch::new().dispatch(
+                #[inline(always)]
+                || self.map_span(span, f64::from(axis_px)),
+            );
+            let Some(Filled { strand_at, from, to }) = filled else { continue };
             each(Run {
                 strand: span.strand,
                 strand_at,
@@ -202,7 +207,9 @@ impl<'a> SurfaceMap<'a> {
         }
     }
 
-    /// Maps the pixels of a strand. Plain loops over slices, without calls or branches: a recording has 10^9 such pixels.
+    /// Maps the pixels of a strand. Plain loops over slices, without calls or branches: a recording has 10^9 such pixels. It is inlined to be
+    /// compiled for registers of each width.
+    #[inline(always)]
     fn map_span(&mut self, span: StrandSpan, axis_px: f64) -> Option<Filled> {
         let wire_phase = self.wires[span.strand];
         if wire_phase.is_nan() || span.phase_in_view_rad.abs() >= STRAND_RANGE_RAD {
@@ -261,20 +268,20 @@ impl<'a> SurfaceMap<'a> {
 /// Adding and taking away this rounds small numbers to the nearest whole one.
 const ROUNDS: f32 = 1.5 * (1u32 << 23) as f32;
 
-#[inline]
+#[inline(always)]
 fn nearest(value: f32) -> f32 {
     (value + ROUNDS) - ROUNDS
 }
 
 /// The number, at least 0 and at most `most`. (Not `clamp`: that keeps NaN, which costs a branch and does not occur.)
-#[inline]
+#[inline(always)]
 pub(super) fn within(value: f32, most: f32) -> f32 {
     let raised = if value > 0.0 { value } else { 0.0 };
     if raised < most { raised } else { most }
 }
 
 /// The whole part of a number of at least 0 and below 2^22, without a conversion that minds what is out of range.
-#[inline]
+#[inline(always)]
 pub(super) fn whole(value: f32) -> u32 {
     let shifted = if value > 0.5 { value - 0.5 } else { 0.0 };
     (shifted + (1u32 << 23) as f32).to_bits() & 0x007f_ffff

@@ -1,4 +1,4 @@
-//! Details of the image: cut where the rope's own course leads, over the ends of stretches, and what the network of burns makes of them.
+//! Details of the image: cut where the rope's own course leads, over the ends of stretches, and what the network that looks at them makes of burns.
 
 use ropescope::pipeline::acquisition::open_folder;
 use ropescope::pipeline::model_file::Model;
@@ -8,10 +8,12 @@ use ropescope::pipeline::{Acquisition, TrainOptions, TrainingRange, train};
 use ropescope::simulate::defects::DefectKind;
 use ropescope::simulate::{Label, Recipe, Scene, write_acquisition};
 use ropescope::vision::aligner::{AlignedStretch, Aligner};
-use ropescope::vision::burn::{BurnNetwork, SIDE};
 use ropescope::vision::camera::Camera;
+use ropescope::vision::damage::Told;
 use ropescope::vision::detail::{Details, LAYERS};
+use ropescope::vision::detail_network::{DetailNetwork, SIDE};
 use ropescope::vision::inspection_model::{AlignedView, Beside};
+use ropescope::vision::kind::Likely;
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
@@ -153,7 +155,8 @@ fn beyond_what_was_recorded_a_detail_is_empty_and_a_place_out_of_view_has_none()
 #[test]
 fn burns_look_burnt_and_intact_rope_does_not() {
     let burnt = burnt();
-    let (network, lines) = (BurnNetwork::trained(), burnt.stretches[0].lines);
+    let (network, lines) = (DetailNetwork::trained(), burnt.stretches[0].lines);
+    let doubted = Told { log_odds: -3.0, likely: Likely::default() };
     let odds = |line: usize, columns: std::ops::RangeInclusive<usize>| {
         let (stretch, block) = (line / lines, line % lines / 5);
         let mut most = f32::NEG_INFINITY;
@@ -161,7 +164,8 @@ fn burns_look_burnt_and_intact_rope_does_not() {
         burnt.details(image, |details| {
             for (strand, place, column) in burnt.places(stretch, block) {
                 if columns.contains(&column) {
-                    most = most.max(details.about(block, strand, place).map_or(most, |detail| network.look(detail)));
+                    let told = details.about(block, strand, place).map(|detail| network.look(detail, doubted, 5.0));
+                    most = most.max(told.map_or(most, |told| told.log_odds));
                 }
             }
         });
