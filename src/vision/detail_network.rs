@@ -108,6 +108,18 @@ mod tests {
     }
 
     #[test]
+    fn it_tells_what_it_told_where_it_was_learnt() {
+        // What `training/fit_details.py` makes of the same numbers by the same weights.
+        let wave = |k: usize| (k as f64 * 0.013).sin() * 0.6 + (k as f64 * 0.37).sin() * 0.3;
+        let detail: Vec<f32> = (0..SIDE * SIDE * LAYERS).map(|k| wave(k) as f32).collect();
+        let network = DetailNetwork::trained();
+        for (told, score, burn, damage) in [(1.5, 7.0, -3.751_13, -4.638_59), (-2.0, 4.0, -3.751_13, -6.768_32)] {
+            let odds = network.odds(&detail, told, score);
+            assert!((odds.burn - burn).abs() < 2e-3 && (odds.damage - damage).abs() < 2e-3, "{odds:?}");
+        }
+    }
+
+    #[test]
     fn what_a_patch_told_is_lowered_so_far_and_no_farther() {
         // Nothing is to be seen, so nothing is damaged.
         let detail = vec![0.0; SIDE * SIDE * LAYERS];
