@@ -92,8 +92,7 @@ impl<const K: usize> Convolution<K> {
         result
     }
 
-    /// Its result, so many columns a row. In wide registers, where there are some, it takes half the time; sums are added up in the same
-    /// order, so it is the same to the last bit.
+    /// Its result, so many columns a row. It is inlined to be compiled for registers of each width; sums are added up in the same order in all.
     #[inline(always)]
     fn sum_up(&self, edged: &Edged<'_>, result: &mut [[f32; K]], columns: usize) {
         for (row, result) in result.chunks_exact_mut(columns).enumerate() {
