@@ -1,7 +1,7 @@
 //! Rows of sums that filters along the wires are made of: across the wires first, then moved along the rope.
 
 use super::evidence::Evidence;
-use pulp::Arch;
+use super::wide::wide;
 use std::ops::Range;
 
 /// Rows of sums of one strand, block after block.
@@ -19,39 +19,31 @@ impl Rows {
         blocks: Range<usize>,
         value: impl Fn(f32, f32) -> f32,
     ) {
-        Arch::new().dispatch(
-            #[inline(always)]
-            || self.across_side_by_side::<HALF>(evidence, strand, blocks, value),
-        );
-    }
-
-    /// The same, as wide as the processor's registers are; it is inlined to be compiled for each width.
-    #[inline(always)]
-    fn across_side_by_side<const HALF: usize>(
-        &mut self,
-        evidence: &Evidence,
-        strand: usize,
-        blocks: Range<usize>,
-        value: impl Fn(f32, f32) -> f32,
-    ) {
         let (places, row) = (evidence.places, evidence.row());
         self.values.resize(blocks.len() * row, 0.0);
         let mut cyclic = vec![0.0f32; row + 2 * HALF];
-        for (block, to) in blocks.zip(self.values.chunks_exact_mut(row)) {
-            let of_block = evidence.of(block, strand);
-            let from = evidence.sums[of_block.clone()].iter().zip(&evidence.counts[of_block]);
-            cyclic[HALF..HALF + places].iter_mut().zip(from).for_each(|(to, (&sum, &n))| *to = value(sum, n));
-            for near in 0..HALF {
-                // The last place is beside the first.
-                cyclic[near] = cyclic[places + near];
-                cyclic[HALF + places + near] = cyclic[HALF + near];
-            }
-            to.iter_mut().zip(cyclic.iter().zip(&cyclic[1..])).for_each(|(sum, (one, other))| *sum = one + other);
-            for shift in 2..=2 * HALF {
-                to.iter_mut().zip(&cyclic[shift..]).for_each(|(sum, value)| *sum += value);
-            }
-            to[places..].fill(0.0);
-        }
+        wide(
+            #[inline(always)]
+            || {
+                for (block, to) in blocks.zip(self.values.chunks_exact_mut(row)) {
+                    let of_block = evidence.of(block, strand);
+                    let from = evidence.sums[of_block.clone()].iter().zip(&evidence.counts[of_block]);
+                    cyclic[HALF..HALF + places].iter_mut().zip(from).for_each(|(to, (&sum, &n))| *to = value(sum, n));
+                    for near in 0..HALF {
+                        // The last place is beside the first.
+                        cyclic[near] = cyclic[places + near];
+                        cyclic[HALF + places + near] = cyclic[HALF + near];
+                    }
+                    to.iter_mut()
+                        .zip(cyclic.iter().zip(&cyclic[1..]))
+                        .for_each(|(sum, (one, other))| *sum = one + other);
+                    for shift in 2..=2 * HALF {
+                        to.iter_mut().zip(&cyclic[shift..]).for_each(|(sum, value)| *sum += value);
+                    }
+                    to[places..].fill(0.0);
+                }
+            },
+        );
     }
 }
 
@@ -74,7 +66,7 @@ impl Window {
         let row = sums.len();
         let to = middle.saturating_sub(self.half)..(middle + self.half + 1).min(self.rows);
         let (new, old) = (self.under.end..to.end, self.under.start..to.start);
-        Arch::new().dispatch(
+        wide(
             #[inline(always)]
             || {
                 for (values, to) in [(&of_sums.values, sums), (&of_pixels.values, pixels)] {

@@ -10,7 +10,6 @@ use super::grain::Compared;
 use super::histogram::GRAY_BINS;
 use super::surface_map::{Run, whole, within};
 use super::unrolled::{FINE_PER_WIRE, GraySums};
-use pulp::Arch;
 use std::ops::{AddAssign, Range};
 
 /// Sums over the pixels of one place in one block. A pixel of the middle line stands for those of all lines.
@@ -117,23 +116,8 @@ impl<'a> Gathering<'a> {
 
     /// Adds the pixels of a run, in all lines of the block, to the places of its strand, and their gray to its fine places; those of
     /// `blind` columns count as not seen.
-    pub fn add(
-        &mut self,
-        run: &Run<'_>,
-        blind: &[Range<usize>],
-        lines: &[Line<'_>],
-        places: &mut [Sums],
-        fine: &mut [GraySums],
-    ) {
-        Arch::new().dispatch(
-            #[inline(always)]
-            || self.add_side_by_side(run, blind, lines, places, fine),
-        );
-    }
-
-    /// The same, as wide as the processor's registers are; it is inlined to be compiled for each width.
     #[inline(always)]
-    fn add_side_by_side(
+    pub fn add(
         &mut self,
         run: &Run<'_>,
         blind: &[Range<usize>],

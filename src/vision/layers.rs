@@ -1,6 +1,6 @@
 //! Layers of the small networks that look closer: convolutions, and layers that see all values at once.
 
-use pulp::Arch;
+use super::wide::wide;
 use std::array::from_fn;
 
 /// Size of the kernels along and across.
@@ -85,7 +85,7 @@ impl<const K: usize> Convolution<K> {
         }
         let mut result = vec![[0.0; K]; to.0 * to.1];
         let edged = Edged { values: &edged, channels, width, row_stride, column_stride };
-        Arch::new().dispatch(
+        wide(
             #[inline(always)]
             || self.sum_up(&edged, &mut result, to.1),
         );

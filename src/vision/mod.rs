@@ -87,7 +87,8 @@
 //! - [`render`]: the model read backwards: intact rope drawn from it (fig. 10f)
 //!
 //! The defects:
-//! - [`residuals`]: what deviates from the expected gray; `gathering` reads it from the pixels, `expected_row` what they are expected to be
+//! - [`residuals`]: what deviates from the expected gray; `gathering` reads it from the pixels, `expected_row` what they are expected to be;
+//!   loops over so many of them are `wide`
 //! - [`evidence`]: scores on the unrolled rope
 //! - [`filtering`]: their sums along the wires
 //! - [`calibration`]: how those lie on intact rope, learnt from evidence that was held back ([`kept_evidence`])
@@ -184,6 +185,7 @@ pub mod template;
 pub mod unrolled;
 pub mod unwrapping;
 pub mod usual;
+mod wide;
 mod width;
 pub mod wire;
 pub mod wire_alignment;

@@ -13,6 +13,7 @@ use super::rope::Rope;
 use super::stretch::ViewStretch;
 use super::surface_map::{PLACES_PER_WIRE, SurfaceMap};
 use super::unrolled::{FINE_PER_WIRE, GraySums, Unrolled};
+use super::wide::wide;
 use std::ops::Range;
 
 /// Cells of the grid that no pixel fell into.
@@ -102,7 +103,10 @@ impl Residuals {
             map.for_each_run(middle, view.axis_px[middle], |run| {
                 sums.fill(Sums::default());
                 fine.fill(GraySums::default());
-                gathering.add(&run, &view.blind, &seen, &mut sums, &mut fine);
+                wide(
+                    #[inline(always)]
+                    || gathering.add(&run, &view.blind, &seen, &mut sums, &mut fine),
+                );
                 residuals.unrolled.set(block, run.strand, &fine);
                 residuals.in_view[run.strand * blocks + block] = true;
                 let first = evidence.of(block, run.strand).start;

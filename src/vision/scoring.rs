@@ -9,7 +9,7 @@ use super::calibration::{FilterCalibration, LEAST_SHARE, normalised};
 use super::evidence::{Evidence, UNSEEN};
 use super::filtering::{Filtered, Steps, TOGETHER};
 use super::stretch_scores::StretchScores;
-use pulp::Arch;
+use super::wide::wide;
 
 /// Finding that is usual: one place in sixteen of intact rope has it. What is beyond counts.
 const USUAL: f32 = 1.2;
@@ -57,16 +57,8 @@ impl Judge {
 
     /// Adds to `scores` what was found beyond the usual: minus the decimal logarithm of how often intact rope exceeds it, weighed. A
     /// score that is NaN until then becomes known; where too few pixels fell in, it stays as it is.
-    fn add(&self, scores: &mut [f32], filtered: &Filtered<'_>) {
-        Arch::new().dispatch(
-            #[inline(always)]
-            || self.add_side_by_side(scores, filtered),
-        );
-    }
-
-    /// The same, as wide as the processor's registers are; it is inlined to be compiled for each width.
     #[inline(always)]
-    fn add_side_by_side(&self, scores: &mut [f32], filtered: &Filtered<'_>) {
+    fn add(&self, scores: &mut [f32], filtered: &Filtered<'_>) {
         let places = filtered.sums.as_chunks::<TOGETHER>().0.iter().zip(filtered.pixels.as_chunks::<TOGETHER>().0);
         let places = places.zip(filtered.regions.chunks(TOGETHER)).zip(scores.chunks_mut(TOGETHER));
         for (((sums, pixels), regions), scores) in places {
@@ -113,11 +105,18 @@ pub fn score(factors: &[Weighed<'_>], pitch_mm: f64) -> StretchScores {
         evidence.filtered(pitch_mm, Steps::Thinned, |filtered| {
             let Some(Some(judge)) = judges.get(filtered.filter) else { return };
             if filtered.stands_for.len() == 1 {
-                judge.add(&mut found[evidence.of(filtered.block, filtered.strand)], &filtered);
+                let found = &mut found[evidence.of(filtered.block, filtered.strand)];
+                wide(
+                    #[inline(always)]
+                    || judge.add(found, &filtered),
+                );
                 return;
             }
             of_block.fill(f32::NAN);
-            judge.add(&mut of_block, &filtered);
+            wide(
+                #[inline(always)]
+                || judge.add(&mut of_block, &filtered),
+            );
             for block in filtered.stands_for {
                 for (score, &add) in found[evidence.of(block, filtered.strand)].iter_mut().zip(&of_block) {
                     *score = if add.is_nan() { *score } else { sum_of_known(*score, add) };

@@ -9,7 +9,7 @@ use super::estimates::Estimates;
 use super::histogram::{DISTANCE_BINS, STRAND_BINS, Theta, WIRE_BINS, cell};
 use super::rope::Rope;
 use super::surface::{Outlines, StrandSpan, wrap_rad};
-use pulp::Arch;
+use super::wide::wide;
 
 /// Places per wire, across its course, that the unrolled rope is divided into.
 pub const PLACES_PER_WIRE: usize = 5;
@@ -188,7 +188,7 @@ impl<'a> SurfaceMap<'a> {
         self.outlines.visible_spans(&self.phases, &mut self.spans);
         for s in 0..self.spans.len() {
             let span = self.spans[s];
-            let filled = Arch::new().dispatch(
+            let filled = wide(
                 #[inline(always)]
                 || self.map_span(span, f64::from(axis_px)),
             );
