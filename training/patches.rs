@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Every one is a row of little-endian f32: view, line, column, score, logarithm of the odds by the network of patches, then its values
-//! (`vision::patch`, `vision::detail`). Whether it shows damage say the labels of the recording, see `training/fit.py` and
+//! (`vision::patch`, `vision::detail`). Whether it shows damage say the labels of the recording, see `training/fit_patches.py` and
 //! `training/fit_details.py`. Details are written where that network is in some doubt.
 
 use anyhow::{Context, bail};

@@ -59,7 +59,8 @@ impl<'a> Used<'a> {
     }
 }
 
-/// A pass over all ranges, one after the other: stretches are numbered on, and progress goes on, as if they were one.
+/// A pass over all ranges, one after the other: stretches are numbered on (one number is left out between two
+/// ranges), and progress goes on, as if they were one.
 pub(super) struct Pass<'a> {
     pub used: &'a [Used<'a>],
     pub stage: &'static str,
@@ -98,6 +99,7 @@ impl Pass<'_> {
                 Ok(())
             })?;
             before_m += used.metres();
+            number += 1; // the next range does not go on where this one ends
         }
         Ok(given_view_m)
     }

@@ -1,8 +1,7 @@
 //! What intact rope teaches, before anything is decided by it: the appearance of every view, and evidence of rope that did not teach it.
 
 use super::bandwidths::{BandwidthsBy, BandwidthsFit};
-use super::folds::fold_of;
-use super::held_back::Held;
+use super::held_back::{Held, Holding};
 use super::learning_curve::{GrowingGray, LearningPoint, curve};
 use super::learning_view::{LearningView, LearntView};
 use super::passes::{Pass, Used};
@@ -14,6 +13,7 @@ use crate::vision::evidence::block_lines;
 use crate::vision::factor::FACTORS;
 use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::kept_evidence::KeptSeen;
+use crate::vision::margins::MARGIN_BLOCKS;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -76,20 +76,16 @@ impl<'a> Taught<'a> {
 
         // Third pass: evidence of every fold by the others, for calibration and threshold.
         let kept = kept_stretches(&used, stretches);
-        let mut seen: Vec<(&LearntView, Vec<(usize, KeptSeen)>)> = learnt.iter().map(|v| (v, Vec::new())).collect();
+        let mut holding: Vec<Holding<'_>> = learnt.iter().map(|view| Holding::new(&view.by_others)).collect();
         let keeps = |number: usize| number * kept / stretches != (number + 1) * kept / stretches;
-        pass(PASSES[2]).each_view(&mut seen, keeps, |number, aligned, (view, stretches)| {
-            let seen = aligned.seen_by(&view.by_others[fold_of(number)], 0);
-            stretches.push((number, KeptSeen::of(seen, &aligned)));
-        })?;
+        pass(PASSES[2]).each_view(&mut holding, keeps, |number, aligned, view| view.take(number, &aligned))?;
+        let mut kept: Vec<Vec<(usize, KeptSeen)>> = holding.into_iter().map(Holding::finish).collect();
         // Views are joined stretch by stretch: where one has lost its lines, the others do not count either.
-        let numbers = |(_, stretches): &(_, Vec<(usize, _)>)| stretches.iter().map(|(number, _)| *number).collect();
-        let of_views: Vec<BTreeSet<usize>> = seen.iter().map(numbers).collect();
+        let numbers = |view: &Vec<(usize, KeptSeen)>| view.iter().map(|(number, _)| *number).collect();
+        let of_views: Vec<BTreeSet<usize>> = kept.iter().map(numbers).collect();
         let in_all = |number: &usize| of_views.iter().all(|numbers| numbers.contains(number));
-        let of_view = |(_, stretches): (_, Vec<(usize, KeptSeen)>)| {
-            stretches.into_iter().filter(|(number, _)| in_all(number)).map(|(_, kept)| kept).collect()
-        };
-        let held: Vec<Held> = seen.into_iter().map(|view| Held::new(of_view(view), pitch_mm)).collect();
+        kept.iter_mut().for_each(|view| view.retain(|(number, _)| in_all(number)));
+        let held: Vec<Held> = kept.into_iter().map(|view| Held::new(view, pitch_mm)).collect();
         let learnt = learnt.into_iter().map(|view| view.whole).collect();
         Ok(Self { acquisition, used, given_view_m, learnt_view_m, bandwidths: fit, learning_curve, learnt, held })
     }
@@ -105,7 +101,8 @@ fn kept_stretches(used: &[Used<'_>], stretches: usize) -> usize {
     let bytes = |used: &Used<'_>| {
         let acquisition = used.range.acquisition;
         let places = acquisition.rope.strands() * acquisition.rope.wires() * PLACES_PER_WIRE;
-        let cells = used.stretch_lines().div_ceil(block_lines(acquisition.line_pitch_mm)) * places;
+        let blocks = used.stretch_lines().div_ceil(block_lines(acquisition.line_pitch_mm)) + 2 * MARGIN_BLOCKS;
+        let cells = blocks * places;
         let image = used.stretch_lines() * acquisition.sensor_px as usize;
         (cells * KeptSeen::bytes_per_place(FACTORS.len() + 1) + image) * acquisition.view_angles_rad.len()
     };

@@ -15,6 +15,7 @@ use crate::vision::evidence::block_lines;
 use crate::vision::inspection_model::ViewAppearance;
 use crate::vision::judging::Judging;
 use crate::vision::lasting::Lasting;
+use crate::vision::margins::MARGIN_BLOCKS;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -124,6 +125,7 @@ impl Taught<'_> {
         for scores in scored.iter_mut().flatten().flatten() {
             lasting.raise(scores, block_mm);
             scores.add_closer_look();
+            scores.cut_margins(MARGIN_BLOCKS);
         }
         let mut intact = IntactRope::default();
         scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));

@@ -80,10 +80,14 @@ impl Default for CalibrationSums {
 }
 
 impl CalibrationSums {
-    /// What a stretch of intact rope says.
-    pub fn of(evidence: &Evidence, pitch_mm: f64) -> Self {
+    /// What a stretch of intact rope says, between so many blocks of the stretches before and after it.
+    pub fn of(evidence: &Evidence, margin_blocks: usize, pitch_mm: f64) -> Self {
+        let itself = margin_blocks..evidence.blocks - margin_blocks;
         let mut sums = Self { both_ways: evidence.both_ways, ..Self::default() };
         evidence.filtered(pitch_mm, Steps::Every, |filtered| {
+            if !itself.contains(&filtered.block) {
+                return;
+            }
             let first = evidence.of(filtered.block, filtered.strand).start;
             for (k, sum, pixels, region) in filtered.seen() {
                 if (first + k).is_multiple_of(SAMPLE_STRIDE) && pixels > 0.0 {
@@ -163,4 +167,29 @@ fn region_levels(samples: &[Sample], both_ways: bool, z: impl Fn(&Sample) -> f32
         RegionLevel { middle: mix(own.middle, common.middle), upward: mix(own.upward, common.upward) }
     };
     of_region.iter_mut().map(mixed).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stretches_beside_one_are_filtered_with_it_and_calibrate_nothing() {
+        const BLOCKS: usize = 100;
+        const MARGIN: usize = 20;
+        const PLACES: usize = 2 * SAMPLE_STRIDE; // every row has as many samples
+        let mut evidence = Evidence::empty(5, BLOCKS, 1, PLACES);
+        for at in 0..BLOCKS * PLACES {
+            let beside = !(MARGIN..BLOCKS - MARGIN).contains(&(at / PLACES));
+            evidence.set(at, if beside { 9.0 } else { 0.0 }, 1.0, 0);
+        }
+        let samples = |margin| CalibrationSums::of(&evidence, margin, 0.1).samples;
+        for (all, own) in samples(0).iter().zip(&samples(MARGIN)) {
+            assert_eq!((all.len(), own.len()), (2 * BLOCKS, 2 * (BLOCKS - 2 * MARGIN)));
+            let above = |samples: &[Sample]| samples.iter().filter(|sample| sample.sum > 0.0).count();
+            assert!(above(all) >= 4 * MARGIN && above(own) < 4 * MARGIN, "{} {}", above(all), above(own));
+        }
+        let longest = samples(MARGIN).pop().unwrap();
+        assert!(longest.iter().any(|sample| sample.sum > 0.0), "filters reach beyond the ends");
+    }
 }

@@ -19,10 +19,10 @@ pub struct Told {
 }
 
 /// Channels after every layer.
-const FIRST: usize = 10;
-const SECOND: usize = 20;
-const THIRD: usize = 32;
-const LAST: usize = 24;
+const FIRST: usize = 16;
+const SECOND: usize = 32;
+const THIRD: usize = 48;
+const LAST: usize = 32;
 /// Results: the logarithm of the odds, and one for each way of damage.
 const RESULTS: usize = 4;
 /// Rows and columns of every layer's result: the strides are (2, 1), (2, 2), (2, 2).
@@ -31,7 +31,7 @@ const SIZES: [(usize, usize); 4] = [(BLOCKS, PLACES), (14, 15), (7, 8), (4, 4)];
 const MIDDLE: std::ops::Range<usize> = 1..3;
 /// Score that counts 1 as an input.
 const SCORE: f32 = 10.0;
-/// Weights and offsets as `training/fit.py` writes them: little-endian f32, layer by layer.
+/// Weights and offsets as `training/fit_patches.py` writes them: little-endian f32, layer by layer.
 const TRAINED: &[u8] = include_bytes!("damage.weights");
 
 /// The network.
@@ -96,6 +96,20 @@ mod tests {
         let all = convolution(LAYERS, FIRST) + convolution(FIRST, SECOND) + convolution(SECOND, THIRD);
         assert_eq!(TRAINED.len() / 4, all + dense(2 * THIRD + 1, LAST) + dense(LAST, RESULTS));
         assert!(numbers(TRAINED).all(f32::is_finite));
+    }
+
+    #[test]
+    fn it_tells_what_it_told_where_it_was_learnt() {
+        // What `training/fit_patches.py` makes of the same numbers by the same weights.
+        let wave = |k: usize| 0.3 * ((k as f64 * 0.013).sin() * 0.6 + (k as f64 * 0.37).sin() * 0.3);
+        let patch = Patch { values: (0..BLOCKS * PLACES * LAYERS).map(|k| wave(k) as f32).collect() };
+        for (score, log_odds, surface) in [(4.0, -3.160_23, 0.835_95), (7.0, -1.858_42, 0.799_31)] {
+            let told = Network::trained().look(&patch, score);
+            assert!(
+                (told.log_odds - log_odds).abs() < 2e-3 && (told.likely.surface - surface).abs() < 1e-3,
+                "{told:?}"
+            );
+        }
     }
 
     #[test]

@@ -66,12 +66,21 @@ pub struct KeptSeen {
 
 /// The image of a stretch in one view, and where the rope is in it.
 #[derive(Debug, Clone)]
-struct KeptImage {
+pub struct KeptImage {
     camera: Camera,
     estimates: Estimates,
     view: ViewStretch,
     block_lines: usize,
     pitch_mm: f64,
+}
+
+impl KeptImage {
+    /// Of an aligned view only what is looked at again.
+    pub fn of(&AlignedView { camera, estimates, view, block_lines, pitch_mm, .. }: &AlignedView<'_>) -> Self {
+        let (image, lost, axis_px) = (view.image.clone(), view.lost.clone(), view.axis_px.clone());
+        let view = ViewStretch { image, lost, axis_px, ..ViewStretch::default() };
+        Self { camera: *camera, estimates: estimates.clone(), view, block_lines, pitch_mm }
+    }
 }
 
 impl KeptSeen {
@@ -86,16 +95,14 @@ impl KeptSeen {
     }
 
     /// What was seen in an image.
-    pub fn of(
-        seen: Seen,
-        &AlignedView { camera, estimates, view, block_lines, pitch_mm, .. }: &AlignedView<'_>,
-    ) -> Self {
+    pub fn new(seen: Seen, image: KeptImage) -> Self {
         let evidence = seen.evidence.into_iter().map(KeptEvidence::from).collect();
-        // Of the view only what is looked at again.
-        let (image, lost, axis_px) = (view.image.clone(), view.lost.clone(), view.axis_px.clone());
-        let view = ViewStretch { image, lost, axis_px, ..ViewStretch::default() };
-        let image = KeptImage { camera: *camera, estimates: estimates.clone(), view, block_lines, pitch_mm };
         Self { evidence, unrolled: seen.unrolled, margin_blocks: seen.margin_blocks, image }
+    }
+
+    /// Blocks at either end that belong to the stretches before and after it.
+    pub fn margin_blocks(&self) -> usize {
+        self.margin_blocks
     }
 
     /// The image.

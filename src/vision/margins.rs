@@ -62,7 +62,7 @@ impl Seen {
 
     /// Fills the margin before the stretch with the end of the one before it, and the margin after that one with this one's beginning.
     /// Both have the same margins.
-    fn follows(&mut self, before: &mut Self) {
+    pub fn follows(&mut self, before: &mut Self) {
         let margin = self.margin_blocks;
         let end_of_before = before.blocks() - margin;
         let count = margin.min(end_of_before - margin);
@@ -101,7 +101,7 @@ impl StretchScores {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::vision::surface_map::PLACES_PER_WIRE;
     use crate::vision::unrolled::{FINE_PER_WIRE, GraySums};
@@ -110,7 +110,7 @@ mod tests {
     const WIRES: usize = 5;
 
     /// A stretch whose blocks say `from`, `from + 1`, ... on every strand.
-    fn seen(from: usize, blocks: usize) -> Seen {
+    pub(crate) fn seen(from: usize, blocks: usize) -> Seen {
         let all = blocks + 2 * MARGIN_BLOCKS;
         let mut evidence = Evidence::empty(5, all, STRANDS, WIRES * PLACES_PER_WIRE);
         let mut unrolled = Unrolled::unseen(all, STRANDS, WIRES);
@@ -125,7 +125,7 @@ mod tests {
     }
 
     /// What every block says, of the last place of a strand; `None` where nothing is seen.
-    fn says(seen: &Seen, strand: usize) -> Vec<Option<f32>> {
+    pub(crate) fn says(seen: &Seen, strand: usize) -> Vec<Option<f32>> {
         let evidence = &seen.evidence[0];
         let last = |block: usize| evidence.of(block, strand).end - 1;
         (0..evidence.blocks).map(|b| (evidence.counts[last(b)] > 0.0).then(|| evidence.sums[last(b)])).collect()

@@ -161,7 +161,7 @@ mod tests {
 
     /// Highest score of the run, and of the rest.
     fn scores(both_ways: bool, raised: f32) -> (f32, f32) {
-        let calibration = CalibrationSums::of(&strand(7, both_ways, 0.0), PITCH_MM).calibrate().unwrap();
+        let calibration = CalibrationSums::of(&strand(7, both_ways, 0.0), 0, PITCH_MM).calibrate().unwrap();
         let evidence = strand(8, both_ways, raised);
         let weighed = Weighed { evidence: &evidence, calibration: &calibration, weight: 1.0 };
         let blocks = score(&[weighed], PITCH_MM).highest();

@@ -84,9 +84,9 @@ async fn the_service_says_where_it_listens_and_goes_down_in_order() {
     assert_eq!(std::fs::read_dir(data.path().join("instances")).unwrap().count(), 0);
 }
 
-/// Two metres of intact rope in one view.
+/// Four metres of intact rope in one view: two were done within the third of a second before the kill.
 fn recipe() -> Recipe {
-    Recipe { metres: 2.0, view_angles_deg: vec![0.0], ..Recipe::photographic() }
+    Recipe { metres: 4.0, view_angles_deg: vec![0.0], ..Recipe::photographic() }
 }
 
 /// Runs the same job twice on a service with that acquisition, killing the process in the middle of the second run. Answers
