@@ -15,16 +15,14 @@ of burns alone and 6,000 of both from 42 and 16 ropes, whose labels missed some 
 with 16 intact ropes and painted fibres beside them.
 """
 
-import argparse
-
 import numpy as np
 import torch
 import torch.nn as nn
 import torch.nn.functional as F
 
-from networks import Convolution, begun, counts_of_defects, dense, tell, write
+from networks import Convolution, begun, counts_of_defects, dense, descend, tell, write
 from paint import BRIGHT, BURN, DARK, DROP, FIBRES, SIDE, SPECKS, paint
-from ropes import HEAD, KINDS, gathered, words_of_learning
+from ropes import HEAD, KINDS, chosen_of, gathered
 
 CUT = 64  # sides of the details that are cut out: the network looks at less, so that there is something to shift in
 CHANNELS, LAST = (16, 32, 48, 64), 32
@@ -114,24 +112,16 @@ def learn(network, taught, of_others, held, steps):
     is_damage = torch.zeros(BURNS + PLAIN + DAMAGED)
     is_damage[:BURNS], is_damage[BURNS + PLAIN :] = 1, 1
     weight = torch.where(is_damage > 0, DAMAGE_SHARE * PLAIN / (BURNS + DAMAGED), 1.0)
+    cost = F.binary_cross_entropy_with_logits
 
-    optimiser = torch.optim.AdamW(network.parameters(), weight_decay=1e-2)
-    rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, 4e-3, total_steps=steps, pct_start=0.08)
-    fast, cost, losses = torch.compile(network), F.binary_cross_entropy_with_logits, []
-    for step in range(1, steps + 1):
+    def loss_of(fast):
         parts = [(paint(undamaged(n)[0], what), torch.zeros(n, 2)) for what, n in painted_on]
         parts += [drawn(burns, of_burns, BURNS), undamaged(PLAIN), drawn(damaged, of_damaged, DAMAGED)]
         seen, told = (torch.cat(part) for part in zip(*parts))
         burn, damage = fast(varied(seen), told)
-        loss = cost(burn[: len(is_burn)], is_burn) + cost(damage[n_painted:], is_damage, weight=weight)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        rate.step()
-        losses.append(loss.item())
-        if step % 1000 == 0 or step == steps:
-            print(f"step {step} of {steps}: loss {np.mean(losses[-1000:]):.4f}", flush=True)
-            tell_held(network, held)
+        return cost(burn[: len(is_burn)], is_burn) + cost(damage[n_painted:], is_damage, weight=weight)
+
+    descend(network, steps, 4e-3, loss_of, lambda: tell_held(network, held))
 
 
 @torch.no_grad()
@@ -147,9 +137,7 @@ def tell_held(network, held):
 
 
 def main():
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words_of_learning(words, (42, 16, 16, 0, 0), 15000, f"{sum(PAINTED.values()) + BURNS + PLAIN + DAMAGED} details")
-    chosen = words.parse_args()
+    chosen = chosen_of(__doc__, (42, 16, 16, 0, 0), 15000, f"{sum(PAINTED.values()) + BURNS + PLAIN + DAMAGED} details")
     torch.manual_seed(0)
     in_bytes = lambda details: np.clip(details / SCALE, -127, 127).round().astype(np.int8)
     taught, of_others, held = gathered("details", chosen, (CUT, CUT, 2), in_bytes)

@@ -15,15 +15,13 @@ steps from chance, without patches laid over those of other cameras, and 6,000 f
 of all kinds, 8 with gaps and 8 with missing wires alone), simulated when what shows in a gap had become brighter.
 """
 
-import argparse
-
 import numpy as np
 import torch
 import torch.nn as nn
 import torch.nn.functional as F
 
-from networks import Convolution, begun, counts_of_defects, dense, tell, write
-from ropes import HEAD, KINDS, gathered, words_of_learning
+from networks import Convolution, begun, counts_of_defects, dense, descend, tell, write
+from ropes import HEAD, KINDS, chosen_of, gathered
 
 SHAPE = BLOCKS, PLACES, LAYERS = 28, 15, 10
 SIZES = ((BLOCKS, PLACES), (14, 15), (7, 8), (4, 4))  # rows and columns of every layer's result
@@ -109,10 +107,7 @@ def learn(network, taught, of_others, held, steps):
     is_damage[PLAIN:] = 1
     weight = torch.where(is_damage > 0, DAMAGE_SHARE * PLAIN / DAMAGED, 1.0)
 
-    optimiser = torch.optim.AdamW(network.parameters(), weight_decay=1e-2)
-    rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, 6e-3, total_steps=steps, pct_start=0.08)
-    fast, losses = torch.compile(network), []
-    for step in range(1, steps + 1):
+    def loss_of(fast):
         at = plain[torch.randint(len(plain), (PLAIN - n_others,)).numpy()]
         of_damage = damaged[torch.multinomial(counts, DAMAGED, replacement=True).numpy()]
         patches, score = inputs((values, head), np.concatenate([at, of_damage]))
@@ -124,15 +119,9 @@ def learn(network, taught, of_others, held, steps):
         odds, looks = fast(varied(patches), score * torch.exp(0.1 * torch.randn(len(score))))
         loss = F.binary_cross_entropy_with_logits(odds, is_damage, weight=weight)
         of_kind = F.cross_entropy(looks[PLAIN:], LOOKS[torch.from_numpy(kind[of_damage])])
-        loss = loss + KIND_COUNTS * DAMAGE_SHARE * PLAIN / (PLAIN + DAMAGED) * of_kind
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        rate.step()
-        losses.append(loss.item())
-        if step % 1000 == 0 or step == steps:
-            print(f"step {step} of {steps}: loss {np.mean(losses[-1000:]):.4f}", flush=True)
-            tell_held(network, held)
+        return loss + KIND_COUNTS * DAMAGE_SHARE * PLAIN / (PLAIN + DAMAGED) * of_kind
+
+    descend(network, steps, 6e-3, loss_of, lambda: tell_held(network, held))
 
 
 @torch.no_grad()
@@ -146,9 +135,7 @@ def tell_held(network, held):
 
 
 def main():
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words_of_learning(words, (66, 14, 16, 8, 8), 12000, f"{PLAIN + DAMAGED} patches")
-    chosen = words.parse_args()
+    chosen = chosen_of(__doc__, (66, 14, 16, 8, 8), 12000, f"{PLAIN + DAMAGED} patches")
     torch.manual_seed(0)
     halved = lambda patches: patches.astype(np.float16)
     taught, of_others, held = gathered("patches", chosen, SHAPE, halved)

@@ -101,6 +101,23 @@ def write(network, out):
     np.concatenate([np.asarray(part.detach(), "<f4").ravel() for part in numbers]).tofile(out)
 
 
+def descend(network, steps, most, loss_of, tell_held):
+    """So many steps of AdamW, of which the largest is `most`, down the losses that are asked for; told every thousand steps."""
+    optimiser = torch.optim.AdamW(network.parameters(), weight_decay=1e-2)
+    rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, most, total_steps=steps, pct_start=0.08)
+    fast, losses = torch.compile(network), []
+    for step in range(1, steps + 1):
+        loss = loss_of(fast)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        rate.step()
+        losses.append(loss.item())
+        if step % 1000 == 0 or step == steps:
+            print(f"step {step} of {steps}: loss {np.mean(losses[-1000:]):.4f}", flush=True)
+            tell_held()
+
+
 def counts_of_defects(defect):
     """What suspects of damage count: every defect by the root of its suspects."""
     _, each, of_each = np.unique(defect, return_inverse=True, return_counts=True)

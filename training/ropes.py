@@ -1,5 +1,6 @@
 """The ropes that the networks of the closer look learn from, what is cut out of them, and what it shows."""
 
+import argparse
 import json
 import random
 import subprocess
@@ -112,8 +113,9 @@ def gathered(what, chosen, shape, kept_as):
     return of(False), pooled([(head, kept_as(values)) for head, values in cuts]), of(True)
 
 
-def words_of_learning(words, ropes, steps, of_step):
-    """Options of a program that learns from ropes: how many with which damage, in the order of DAMAGE."""
+def chosen_of(about, ropes, steps, of_step):
+    """What was chosen of a program that learns from ropes: how many with which damage, in the order of DAMAGE, and so on."""
+    words = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     options = ("--ropes", "--burnt-ropes", "--intact-ropes", "--gap-ropes", "--missing-wire-ropes")
     for option, number, damage in zip(options, ropes, DAMAGE):
         words.add_argument(option, type=int, default=number, help=f"ropes with such damage: {damage} (default {number})")
@@ -124,3 +126,4 @@ def words_of_learning(words, ropes, steps, of_step):
     words.add_argument("--program", type=Path, default=Path("target/release/ropescope"))
     words.add_argument("--data", type=Path, required=True, help="folder for ropes and what is cut out of them; what is there is used again")
     words.add_argument("--out", type=Path, required=True, help="file for the weights")
+    return words.parse_args()
