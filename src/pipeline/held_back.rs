@@ -89,8 +89,8 @@ impl Held {
     }
 }
 
-/// The scores of all stretches that every view has, with their margins, `[stretch][view]`; a single one can only be judged by itself. `None` if there is
-/// none, or too little in them to calibrate.
+/// The scores of all stretches that every view has, with their margins, `[stretch][view]`; a single one can only be judged by itself.
+/// `None` if there is none, or too little in them to calibrate.
 pub(super) fn cross_scored(
     views: &[ViewAppearance],
     held: &[Held],

@@ -102,7 +102,7 @@ mod tests {
     fn it_tells_what_it_told_where_it_was_learnt() {
         // What `training/fit_patches.py` makes of the same numbers by the same weights.
         let wave = |k: usize| 0.3 * ((k as f64 * 0.013).sin() * 0.6 + (k as f64 * 0.37).sin() * 0.3);
-        let patch = Patch { values: (0..BLOCKS * PLACES * LAYERS).map(|k| wave(k) as f32).collect() };
+        let patch = Patch::of((0..BLOCKS * PLACES * LAYERS).map(|k| wave(k) as f32).collect());
         for (score, log_odds, surface) in [(4.0, -3.160_23, 0.835_95), (7.0, -1.858_42, 0.799_31)] {
             let told = Network::trained().look(&patch, score);
             assert!(

@@ -24,7 +24,7 @@ const FACTOR_SDS: f32 = 2.0;
 /// Values of a patch, `[(block * PLACES + place) * LAYERS + layer]`; 0 beyond the ends of the stretch and where nothing was seen.
 #[derive(Debug, Clone)]
 pub struct Patch {
-    pub(super) values: Vec<f32>,
+    values: Vec<f32>,
 }
 
 impl Default for Patch {
@@ -59,6 +59,11 @@ impl Patch {
                 }
             }
         }
+    }
+
+    #[cfg(test)]
+    pub(super) fn of(values: Vec<f32>) -> Self {
+        Self { values }
     }
 
     /// The values.
