@@ -36,7 +36,7 @@ def options(seed, metres, defects):
         "debris-per-m": chance.choice([0, 2, 6, 10, 10]), "light-drift": chance.choice([0, 0.05, 0.1, 0.2]),
         "background": chance.choice(["dark", "dark", "dark", "bright"]), "gloss": round(chance.uniform(0.4, 1.8), 2),
         "lamp-spread": round(chance.uniform(0.5, 1.6), 2), "blur-px": round(chance.uniform(0.4, 0.9), 2),
-        "defect-variety": round(chance.uniform(0, 1), 2), "vignetting": round(chance.uniform(0.05, 0.35), 2),
+        "defect-variety": round(chance.uniform(0, 1) ** 0.5, 2), "vignetting": round(chance.uniform(0.05, 0.35), 2),
         "bad-columns": chance.choice([0, 1, 1, 3]), "strand-jitter-rad": round(chance.uniform(0.02, 0.05), 3),
     }
     return lays + [word for key, value in chosen.items() for word in (f"--{key}", str(value))]

@@ -99,63 +99,12 @@ impl Defect {
                 }
                 weight * (0.5 + 0.5 * severity)
             }
-            _ if self.breaks_wire() && own_strand && place.wire == Some(self.wire) => {
-                // the torn face of the wire's end: bright above, dark below
-                let past_mm = self.from_gap_mm(place.x_mm, f64::from(place.psi_rad));
-                let face = (1.0 - past_mm.abs() / 0.35).max(0.0) as f32;
-                let end = if u < 0.0 { 0.8 } else { -0.6 };
-                coat.albedo *= 1.0 + face * (end * (1.0 + departs(Trait::Rim)) + 0.35 * departs(Trait::Brightness));
-                coat.gloss *= 1.0 - 0.7 * face;
-                face
-            }
+            _ if self.breaks_wire() && own_strand && place.wire == Some(self.wire) => self.put_on_end(coat, place),
             _ if self.breaks_wire() && place.strand == self.strand && place.wire.is_none() => {
-                // what shows in the gap: a layer of wires that nobody has touched, as bright as those about it, or old grease,
-                // here and there or all over
-                let variety = self.variety as f32;
-                let grease = 6.0 * (rough(1.2, 0.8, 7) - 0.55 + 0.45 * departs(Trait::Brightness));
-                coat.albedo *= (1.5 * variety + 0.8 * departs(Trait::Depth)).exp().min(4.5);
-                coat.albedo *= 1.0 - 0.8 * variety * grease.clamp(0.0, 1.0);
-                0.0
+                self.put_on_layer_below(coat, place, v as f32);
+                0.0 // labels are drawn where the wire is missing
             }
             _ => 0.0,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// How bright the layer is that shows in a gap, beside what it is without one, of many gaps.
-    fn floors(variety: f64) -> Vec<f32> {
-        let floor = |number: u32| {
-            let gap = Defect {
-                id: 0,
-                kind: DefectKind::BrokenWire,
-                severity: 0.5,
-                strand: 2,
-                wire: 4,
-                centre_mm: 100.0,
-                half_mm: 1.0,
-                angle_rad: 0.0,
-                roughness: number.wrapping_mul(0x9E37_79B1),
-                variety,
-            };
-            let (psi_rad, arc_mm, rope_angle_rad, radius, valley) = (0.0, 0.0, 0.0, 0.8, 0.0);
-            let place = Place { x_mm: 100.2, strand: 2, wire: None, psi_rad, arc_mm, rope_angle_rad, radius, valley };
-            let mut coat = Coat { albedo: 1.0, gloss: 1.0, flat: 0.0, cover: None };
-            assert_eq!(gap.put_on(&mut coat, &place, 16.0), 0.0, "labels are drawn where the wire is missing");
-            coat.albedo
-        };
-        (0..200).map(floor).collect()
-    }
-
-    #[test]
-    fn the_layer_below_a_gap_is_as_ever_without_variety_and_shines_or_is_greasy_with_it() {
-        assert!(floors(0.0).iter().all(|&bright| bright == 1.0));
-        let varied = floors(1.0);
-        let share = |of: &dyn Fn(f32) -> bool| varied.iter().filter(|bright| of(**bright)).count() as f32 / 200.0;
-        assert!(share(&|bright| bright > 2.0) > 0.3 && share(&|bright| bright < 1.5) > 0.1, "{varied:?}");
-        assert!(varied.iter().all(|&bright| bright > 0.1 && bright <= 4.5));
     }
 }

@@ -101,6 +101,11 @@ fn ease(t: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
+/// How bright the layer below the wires is beside them: dark, greasy, striped by its own wires.
+pub fn inner_layer(place: &Place) -> f32 {
+    0.42 * (0.6 + 0.4 * (place.psi_rad * 6.0 + (place.x_mm * 0.11) as f32).sin())
+}
+
 impl Finish {
     /// The finish that a recipe asks for; foreign matter by chances of its own.
     pub fn random(rng: &mut impl Rng, foreign: &mut impl Rng, recipe: &Recipe) -> Self {

@@ -13,6 +13,7 @@ pub mod defect_surface;
 pub mod defects;
 pub mod finish; // dirt, oil, water, scratches of intact rope
 pub mod foreign; // tar, grease, water, fibres, grit, stains, paint on intact rope
+mod gap; // torn ends, and what shows between them
 pub mod labels; // where a defect can be seen
 pub mod light;
 pub mod noise;

@@ -3,7 +3,7 @@
 use super::background::Backdrop;
 use super::cross_section::CrossSection;
 use super::defects::{self, Defect};
-use super::finish::{Coat, Place};
+use super::finish::{Coat, Place, inner_layer};
 use super::light::{Lamps, Shadows, WireLight};
 use super::noise::{GaussianStream, Stream};
 use super::scene::Scene;
@@ -184,8 +184,7 @@ impl<'a> LinePainter<'a> {
             None => {
                 // wires of the inner layer: dark, greasy, seen through a gap
                 let light = self.lamps.on_wire(0.0, 0.0);
-                let inner = 0.6 + 0.4 * (hit.place.psi_rad * 6.0 + (hit.place.x_mm * 0.11) as f32).sin();
-                0.42 * inner * self.lamps.shade(&light, normal, coat, 0.6, lit)
+                inner_layer(&hit.place) * self.lamps.shade(&light, normal, coat, 0.6, lit)
             }
         };
         match &coat.cover {
