@@ -313,14 +313,25 @@ fn a_missing_frame_is_named() {
 }
 
 #[test]
-fn a_model_of_another_rope_or_no_model_is_refused() {
-    let copy = copy();
-    edit(copy.path(), |rope| rope["wires_per_strand"] = json!(8));
+fn a_model_of_another_rope_or_camera_head_or_no_model_is_refused() {
     let model = trained().0.path().join("rope.model");
-    for (model, words) in [
-        (model, "trained on 6x9, 32 mm, 1 views, but this acquisition shows 6x8, 32 mm, 1 views"),
-        (copy.path().join("rope/rope.json"), "is not a usable appearance model"),
+    for (key, value, model, words) in [
+        (
+            "wires_per_strand",
+            json!(8),
+            &*model,
+            "trained on rope with a number of wires per strand of 9, but this acquisition shows 8: use a model of this rope",
+        ),
+        (
+            "line_pitch_mm",
+            json!(0.3),
+            &*model,
+            "trained on recordings with a line pitch of 0.1 mm, but this acquisition has 0.3 mm: use a model",
+        ),
+        ("start_m", json!(3.0), Path::new("rope/rope.json"), "is not a usable appearance model"),
     ] {
+        let copy = copy();
+        edit(copy.path(), |rope| rope[key] = value);
         let ran = ropescope(copy.path(), &["inspect", "rope", "--out", "results", "--model", model.to_str().unwrap()]);
         assert!(ran.status.code() == Some(1) && text(&ran.stderr).contains(words), "{}", text(&ran.stderr));
         assert!(!copy.path().join("results").exists());

@@ -10,9 +10,10 @@ trained on its first 2.5 m, and the suspects on the rest are cut out (training/p
 (training/ropes.py). Recordings of other cameras add what lies on their intact rope: either half of it is cut out by a model of
 the other. Every fifth rope is held back and told every thousand steps.
 
-The weights that are shipped were learnt in goes, from 50 ropes with defects of all kinds, 14 with burns alone and 16 with none: 12,000
-steps from chance, without patches laid over those of other cameras, and 6,000 from there (--from) with them; then 5,000 with 32 ropes more (16
-of all kinds, 8 with gaps and 8 with missing wires alone), simulated when what shows in a gap had become brighter.
+The weights that are shipped were learnt in goes, each from the weights before (--from): 12,000 steps from chance, from 50 ropes with defects of
+all kinds, 14 with burns alone and 16 with none, without patches laid over those of other cameras; 6,000 with them; 5,000 with 32 ropes more
+whose gaps had bright floors; and 7,000 from 93 new ropes (54, 12, 13, 7 and 7 in the order of the options, --first-seed 60000) whose broken
+wires have torn ends and shining, greasy or shadowed floors.
 """
 
 import numpy as np
@@ -141,7 +142,7 @@ def main():
     taught, of_others, held = gathered("patches", chosen, SHAPE, halved)
     network = begun(Network(), chosen.begin, *inputs(taught[:2], slice(1000)))
     learn(network, taught, of_others, held, chosen.steps)
-    write(network, chosen.out)
+    write(network, chosen.out, chosen.begin, chosen.keep)
 
 
 if __name__ == "__main__":

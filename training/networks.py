@@ -94,11 +94,13 @@ def begun(network, begin, *seen):
     return network.to(memory_format=torch.channels_last)
 
 
-def write(network, out):
-    """Little-endian f32, layer by layer."""
+def write(network, out, begin, keep):
+    """Little-endian f32, layer by layer: what was learnt, and of the weights that it began with the share that is kept."""
     numbers = [part for layer in network.convolutions for part in layer.numbers()]
     numbers += [part for layers in network.heads() for part in numbers_of(layers)]
-    np.concatenate([np.asarray(part.detach(), "<f4").ravel() for part in numbers]).tofile(out)
+    learnt = np.concatenate([np.asarray(part.detach(), "<f4").ravel() for part in numbers])
+    before = np.fromfile(begin, "<f4") if keep else 0
+    ((1 - keep) * learnt + keep * before).astype("<f4").tofile(out)
 
 
 def descend(network, steps, most, loss_of, tell_held):

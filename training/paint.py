@@ -1,6 +1,6 @@
-"""Paints burns, and what may be taken for one, on details of intact rope (src/vision/detail.rs).
+"""Paints burns and gaps, and what may be taken for one, on details of intact rope (src/vision/detail.rs).
 
-Simulated ropes have some hundred burns between them; burns by chance on rope of several cameras make as many as one likes. Gray in a
+Simulated ropes have some hundred of each between them; what chance paints on rope of several cameras makes as many as one likes. Gray in a
 detail is told in bins, 32 g/(g + light): g over light follows, so what is painted darkens and brightens as paint on the rope would.
 """
 
@@ -10,8 +10,55 @@ import torch
 import torch.nn.functional as F
 
 SIDE = 48
-BURN, DROP, DARK, BRIGHT, SPECKS, FIBRES = range(6)
+BURN, DROP, DARK, BRIGHT, SPECKS, FIBRES, GAP = range(7)
 AT = torch.arange(SIDE) - (SIDE - 1) / 2
+
+
+def wire_edges(details):
+    """Columns between which the wire in the middle lies, `[n, 1, 1]` each: the valleys on either side, where less gray is expected."""
+    known = details[..., 1] != 0
+    expected = torch.where(known, details[..., 0] * 16 - details[..., 1] * 4, torch.zeros(()))
+    usual = expected.sum(1) / known.sum(1).clamp(min=1)
+    usual = F.avg_pool1d(usual[:, None], 5, 1, 2, count_include_pad=False)[:, 0]
+    lowest = usual <= -F.max_pool1d(-usual[:, None], 7, 1, 3)[:, 0]
+    half = torch.where(lowest, AT.abs(), torch.full((), 99.0))
+    of_side = lambda side: torch.where((AT * side > 4) & (AT * side < 22), half, torch.full((), 99.0)).amin(1)
+    left, right = of_side(-1), of_side(1)
+    other = 9 + 7 * torch.rand(len(details))  # where no valley shows on one side, the wire is as wide on both
+    left, right = torch.where(left > 90, torch.where(right > 90, other, right), left), torch.where(right > 90, torch.where(left > 90, other, left), right)
+    return -left[:, None, None], right[:, None, None]
+
+
+def gap(details, light, sides, chance, log_chance, rough):
+    """Light of details in which the wire in the middle is broken: torn ends, their faces, and the layer below."""
+    n = len(details)
+    left, right = wire_edges(details)
+    across = (sides[0] - (left + right) / 2) / ((right - left) / 2)  # -1 to 1 on the wire
+    on_wire = torch.sigmoid((1 - across.abs()) * (right - left) / 2 / chance(0.3, 0.8))
+    half = log_chance(2.0, 20.0)
+    y = sides[1] - chance(-1, 1) * torch.clamp(half, max=8)
+    # Teeth along an end, some tenths of a millimetre wide: the same in all rows.
+    teeth = lambda cells: F.interpolate(torch.randn(n, 1, cells), SIDE, mode="linear", align_corners=False)
+    reach = torch.clamp(half, max=9)
+    torn = lambda: reach * (chance(-0.5, 0.5) * across + chance(-0.5, 0.5) * (across**2 - 0.4)) + chance(0, 1.8) * (teeth(12) + 0.5 * teeth(24))
+    past = [y + half + torn(), half - y + torn()]  # how far a place is in the gap, from either end
+    sharp = chance(0.3, 0.7)
+    gone = on_wire * torch.sigmoid(past[0] / sharp) * torch.sigmoid(past[1] / sharp)
+    wire = (light * on_wire).sum((1, 2), keepdim=True) / SIDE / on_wire.sum(2, keepdim=True)  # its light
+    contrast = chance(0, 0.6)
+    stripes = 1 - contrast + contrast * torch.sin(log_chance(1.5, 5.0) * across + chance(-0.08, 0.08) * y + chance(0, 2 * math.pi))
+    floor = wire * log_chance(0.1, 2.2) * stripes * (1 + 0.15 * rough(13))
+    floor = floor * (1 - 0.85 * torch.sigmoid((rough(9) - chance(0.4, 2.5)) * 4))  # old grease
+    painted, fine = light, 1 + chance(0, 0.6) * rough(40)
+    for k, beyond in enumerate(past):
+        floor = floor * (1 - chance(0, 0.9) * (chance(0, 1) < 0.4) * torch.exp(-beyond.clamp(min=0) / log_chance(2, 14)))  # in the shadow of an end
+        near = torch.exp(-((beyond / log_chance(0.8, 3.0)) ** 2)) * (beyond < 0.5) * on_wire
+        painted = painted * (1 + near * chance(-0.7, 0.9))
+    for k, beyond in enumerate(past):  # the torn face
+        shows = torch.where(chance(0, 1) < 0.5, chance(0, 12), torch.zeros(())) * (1 + 0.35 * teeth(14)) * (1 - 0.5 * across**2)
+        shows = torch.minimum(shows, 1.6 * half)
+        floor = floor + torch.sigmoid((shows - beyond) / 0.4) * (shows > 1) * (wire * chance(0.05, 0.6) * fine.clamp(min=0.1) - floor)
+    return painted + gone * (floor - painted)
 
 
 def paint(details, what):
@@ -69,6 +116,8 @@ def paint(details, what):
         painted = light * (1 - blob * chance(0.25, 0.92) * (1 + 0.15 * fine)) + blob * gleam
     elif what == BRIGHT:  # lime and paint
         painted = light * (1 + edge(r, chance(0.03, 0.4)) * chance(0.15, 1.2) * (1 + 0.3 * fine))
+    elif what == GAP:
+        painted = gap(details, light, sides, chance, log_chance, rough)
     elif what == FIBRES:  # one or two, bent or straight, bright or dark: rims without a crater
         painted = light
         for often in (1.0, 0.3):

@@ -123,7 +123,11 @@ def chosen_of(about, ropes, steps, of_step):
     words.add_argument("--intact", action="append", default=[], metavar="RECORDING:TO_M", help="rope without damage, seen by another camera")
     words.add_argument("--steps", type=int, default=steps, help=f"each of {of_step} (default {steps})")
     words.add_argument("--from", dest="begin", type=Path, help="file of weights to go on from")
+    words.add_argument("--keep", type=float, default=0.0, help="share of those weights that is kept in the mean with what was learnt (default 0)")
     words.add_argument("--program", type=Path, default=Path("target/release/ropescope"))
     words.add_argument("--data", type=Path, required=True, help="folder for ropes and what is cut out of them; what is there is used again")
     words.add_argument("--out", type=Path, required=True, help="file for the weights")
-    return words.parse_args()
+    chosen = words.parse_args()
+    if chosen.keep and not chosen.begin:
+        words.error("--keep needs --from: there are no weights before of which a share could be kept")
+    return chosen

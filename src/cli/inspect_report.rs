@@ -138,20 +138,20 @@ impl fmt::Display for Report {
         if let Some(threshold) = &s.threshold {
             writeln!(f, "threshold   line score {:.3}: {}", threshold.line_score, threshold.origin)?;
         }
-        if let Some(fit) = &s.fit
-            && let (Some(rate), Some(low), Some(high)) =
-                (fit.false_defects_per_100m, fit.at_least_per_100m, fit.at_most_per_100m)
-        {
+        if let Some(fit) = &s.fit {
             let verdict = match (fit.fits, fit.cannot_tell()) {
                 (false, _) => "retrain",
                 (true, true) => "too little rope to tell whether it fits",
                 (true, false) => "it fits",
             };
-            writeln!(
-                f,
-                "model fit   about {rate:.1} false defects per 100 m of this rope ({low:.1} to {high:.1} with 95 %), made for {}: {verdict}",
-                fit.budget_per_100m,
-            )?;
+            match (fit.false_defects_per_100m, fit.at_least_per_100m, fit.at_most_per_100m) {
+                (Some(rate), Some(low), Some(high)) => writeln!(
+                    f,
+                    "model fit   about {rate:.1} false defects per 100 m of this rope ({low:.1} to {high:.1} with 95 %), made for {}: {verdict}",
+                    fit.budget_per_100m,
+                )?,
+                _ => writeln!(f, "model fit   {:.2} m without alarms: {verdict}", fit.metres)?,
+            }
         }
         self.write_defects(f)?;
         self.write_gaps(f)?;

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 /// Removes frames that are older than their ropeway keeps them (PUT /ropeways/{id}/storage); may run while the service does.
 ///
-/// Results stay, and so does what is evidence of a defect that is open or confirmed, was never inspected, or is being worked on. Previews of acquisitions that were never
-/// completed go after the same time.
+/// Results stay, and so does what is evidence of a defect that is open or confirmed, was never inspected with a model (without one, nobody has
+/// looked for defects), or is being worked on. Previews of acquisitions that were never completed go after the same time.
 #[derive(clap::Args)]
 pub(crate) struct RetentionArgs {
     /// Data folder of the service

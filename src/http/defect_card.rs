@@ -47,7 +47,7 @@ impl Progress for WhileAskedFor {
 }
 
 /// Why a defect is one, on one sheet: image, likelihood, intact rope as the model draws it, gray values observed and expected.
-/// Takes seconds, because the rope around the defect is aligned anew
+/// Takes seconds, because the rope around the defect is aligned anew; 410 when retention has removed its frames
 #[utoipa::path(get, path = "/defects/{id}/card.png", tag = "defects",
     params(("id" = Uuid, Path, description = "The defect"), KnownVersion), responses(PictureAnswer, ReadProblems))]
 pub async fn get_defect_card(
@@ -81,7 +81,7 @@ async fn gather(app: &App, defect: &Defect, inspection: &Inspection, threshold: 
     let row_of_defect = defect.row()?;
     let alarm = row_of_defect.worst().cloned().ok_or_else(|| Problem::no_card("the defect has no alarm to look at"))?;
     let model = inspection.model_id.ok_or_else(|| Problem::failure("a defect was found without a model"))?;
-    let row = acquisitions::load(app, inspection.acquisition_id.0).await?;
+    let row = acquisitions::load_with_frames(app, inspection.acquisition_id.0).await?;
     let rope = ropes::load(app, defect.rope_id.0).await?;
     let view = alarm.view as u32;
     let folder = app.store.folder();

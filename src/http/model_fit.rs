@@ -29,9 +29,10 @@ pub struct ViewFit {
 /// Whether a model fits the rope of an inspection.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ModelFit {
-    /// False: retrain.
+    /// False: retrain. True also where it cannot be told.
     fits: bool,
-    /// True: this rope promises more false defects than a fitting model may have, but is so short that chance may be the reason.
+    /// True: nothing speaks against the model, but this rope is too short to tell, or promises more false defects than a fitting model may
+    /// have where chance may be the reason.
     cannot_tell: bool,
     /// Why not, as a sentence with figures; null while it fits.
     #[schema(required)]

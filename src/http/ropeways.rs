@@ -152,7 +152,7 @@ pub struct Storage {
     /// Most bytes of frames of all its ropes; null or left out: as the disk allows.
     #[schema(minimum = 0, maximum = 1000000000000000_i64)]
     quota_bytes: Option<u64>,
-    /// Days after which `ropescope retention` may remove frames; null or left out: never.
+    /// Days after which `ropescope retention` may remove frames that were inspected with a model; null or left out: never.
     #[schema(minimum = 1, maximum = 36500)]
     keep_days: Option<u32>,
 }

@@ -8,7 +8,7 @@ use super::threshold_wish::Wish;
 use super::{Problem, models};
 use crate::app::App;
 use crate::pipeline::budget::BudgetFit;
-use crate::pipeline::rejudge::{Place, ScoreCourse};
+use crate::pipeline::rejudge::{MetresToLookAt, Place, ScoreCourse};
 use crate::pipeline::results;
 use crate::store::{Id, StoreError, defects, inspections};
 use axum::extract::State;
@@ -138,16 +138,24 @@ fn with_lines(defect: defects::Defect) -> Result<(defects::Defect, std::ops::Ran
     Ok((defect, first..=last))
 }
 
+/// Judges one inspection after the other: the scores of a long rope fill a hundred megabytes.
 fn judge(
     model_id: Uuid,
     past: Vec<Past>,
     trained: Option<&BudgetFit>,
     wish: Wish,
 ) -> Result<ThresholdPreview, Problem> {
-    let courses = past.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let (line_score, on_intact_rope) = wish.threshold(trained, &courses)?;
-    let inspections = past.into_iter().zip(&courses).map(|(past, course)| compare(past, course, line_score)).collect();
+    let (line_score, on_intact_rope) = wish.threshold(trained, || to_look_at(&past))?;
+    let inspections = past.into_iter().map(|past| compare(past, line_score)).collect::<Result<Vec<_>, _>>()?;
     Ok(ThresholdPreview { model_id, line_score, on_intact_rope: on_intact_rope.map(Level::from), inspections })
+}
+
+fn to_look_at(past: &[Past]) -> Result<MetresToLookAt, Problem> {
+    let mut metres = MetresToLookAt::default();
+    for inspection in past {
+        metres.add(&read(inspection)?);
+    }
+    Ok(metres)
 }
 
 fn read(past: &Past) -> Result<ScoreCourse, Problem> {
@@ -159,7 +167,8 @@ fn read(past: &Past) -> Result<ScoreCourse, Problem> {
     ScoreCourse::read(files, past.pitch_mm).map_err(Problem::failure)
 }
 
-fn compare(past: Past, course: &ScoreCourse, line_score: f64) -> PreviewedInspection {
+fn compare(past: Past, line_score: f64) -> Result<PreviewedInspection, Problem> {
+    let course = read(&past)?;
     let before = course.judge(past.threshold.line_score);
     let after = course.judge(line_score);
     let metre = |line: usize| past.start_m + line as f64 * past.pitch_mm / 1000.0;
@@ -184,7 +193,7 @@ fn compare(past: Past, course: &ScoreCourse, line_score: f64) -> PreviewedInspec
         })
         .collect();
     let defects = past.found.len();
-    PreviewedInspection {
+    Ok(PreviewedInspection {
         inspection_id: past.row.id.0,
         threshold: past.threshold.into(),
         inspected_m: course.inspected_m(),
@@ -192,5 +201,5 @@ fn compare(past: Past, course: &ScoreCourse, line_score: f64) -> PreviewedInspec
         after: Effort { reinspect_m: after.reinspect_m, defects: defects - closed.len() + opened.len() },
         opened,
         closed,
-    }
+    })
 }

@@ -3,13 +3,13 @@
 use super::Problem;
 use super::thresholds::check_line_score;
 use crate::pipeline::budget::{self, BudgetFit};
-use crate::pipeline::rejudge::{ScoreCourse, threshold_for};
+use crate::pipeline::rejudge::MetresToLookAt;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
 /// Inspections looked at unless asked otherwise.
 const DEFAULT_INSPECTIONS: u32 = 10;
-/// Most inspections looked at: each is read through once.
+/// Most inspections looked at: each is read through once, for a budget of metres twice.
 const MAX_INSPECTIONS: u32 = 20;
 
 /// A threshold to be tried: a line score, or what it may cost.
@@ -92,15 +92,15 @@ impl Wish {
         }
     }
 
-    /// The threshold that is tried, and what it costs on intact rope if the model tells.
+    /// The threshold that is tried, and what it costs on intact rope if the model tells. Only a budget of metres asks past inspections.
     pub fn threshold(
         self,
         trained: Option<&BudgetFit>,
-        courses: &[ScoreCourse],
+        to_look_at: impl FnOnce() -> Result<MetresToLookAt, Problem>,
     ) -> Result<(f64, Option<budget::Level>), Problem> {
         let line_score = match self {
             Self::LineScore(wish) => wish.line_score,
-            Self::Budget(wish) => threshold_for(courses, wish.reinspect_m_per_100m).ok_or_else(|| {
+            Self::Budget(wish) => to_look_at()?.threshold_for(wish.reinspect_m_per_100m).ok_or_else(|| {
                 Problem::no_likelihood(
                     "no rope was inspected with this model yet, so a budget of metres finds no threshold: inspect first, or give \
                      false_defects_per_100m",

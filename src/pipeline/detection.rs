@@ -10,7 +10,7 @@ use super::tables::LineValues;
 use super::{Acquisition, PipelineError};
 use crate::vision::aligner::AlignedStretch;
 use crate::vision::camera::Camera;
-use crate::vision::defects::{AlarmBuilder, Defect, merge};
+use crate::vision::defects::{Alarm, AlarmBuilder, Defect, merge};
 use crate::vision::evidence::block_lines;
 use crate::vision::inspection_model::{AlignedView, Seen, ViewAppearance};
 use crate::vision::judging::Judging;
@@ -229,10 +229,12 @@ impl<'a> Detection<'a> {
     }
 }
 
-/// Those places that share no line with a defect: the others are the defects themselves, a little longer. Both run along the rope.
+/// Those places that no view shows in the lines of a defect: the others are the defects themselves, a little longer. A view has one alarm
+/// a line, so what it shows beside a defect it shows of that; what other views show is a place of its own.
 fn beside(places: Vec<Defect>, defects: &[Defect]) -> Vec<Defect> {
+    let meet = |a: &Alarm, b: &Alarm| a.view == b.view && a.first_line <= b.last_line && b.first_line <= a.last_line;
     let touches = |place: &Defect, defect: &Defect| {
-        place.first_line() <= defect.last_line() && defect.first_line() <= place.last_line()
+        place.alarms.iter().any(|alarm| defect.alarms.iter().any(|other| meet(alarm, other)))
     };
     places.into_iter().filter(|place| !defects.iter().any(|defect| touches(place, defect))).collect()
 }
@@ -264,5 +266,31 @@ pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) 
                 peak_score: a.peak_score,
             })
             .collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::kind::Signs;
+
+    #[test]
+    fn a_place_that_another_view_shows_is_no_part_of_a_defect_at_the_same_metre() {
+        let alarm = |view, first_line, last_line, strand| Alarm {
+            view,
+            first_line,
+            last_line,
+            first_column: 0,
+            last_column: 9,
+            peak_score: 12.0,
+            strand,
+            wire: 0,
+            signs: Signs::default(),
+        };
+        let missing_wire = Defect { alarms: vec![alarm(0, 1000, 2500, 1), alarm(1, 1100, 2400, 1)] };
+        let wider = Defect { alarms: vec![alarm(0, 950, 2600, 1), alarm(1, 1050, 2500, 1), alarm(2, 990, 1010, 1)] };
+        let round_the_rope = Defect { alarms: vec![alarm(2, 1500, 1520, 4)] };
+        let kept = beside(vec![wider, round_the_rope.clone()], &[missing_wire]);
+        assert_eq!(kept, [round_the_rope]);
     }
 }

@@ -46,7 +46,7 @@ pub struct ViewFit {
 /// Whether a model fits the rope of an inspection.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ModelFit {
-    /// False: retrain.
+    /// False: retrain. True also where nothing can be told, see [`ModelFit::cannot_tell`].
     pub fits: bool,
     /// False defects per 100 m that the trained threshold was made for.
     pub budget_per_100m: f64,
@@ -66,9 +66,10 @@ pub struct ModelFit {
 }
 
 impl ModelFit {
-    /// Whether this rope promises more false defects than a fitting model may have, but is so short that chance may be the reason.
+    /// Whether nothing contradicts the model, but nothing speaks for it, either: this rope is too short to have a tail, or promises more false
+    /// defects than a fitting model may have while chance may be the reason.
     pub fn cannot_tell(&self) -> bool {
-        self.fits && self.false_defects_per_100m.is_some_and(|rate| rate > BEYOND_BUDGET * self.budget_per_100m)
+        self.fits && self.false_defects_per_100m.is_none_or(|rate| rate > BEYOND_BUDGET * self.budget_per_100m)
     }
 
     /// What a person should know; `None` while the model fits.
@@ -298,9 +299,13 @@ mod tests {
     }
 
     #[test]
-    fn too_little_rope_says_nothing_against_a_model() {
+    fn too_little_rope_says_nothing_against_a_model_and_nothing_for_it() {
         let (budget, scores) = trained();
         let fit = rope(0.6, 2.0, 0.9, false).fit(&budget, &scores);
         assert!(fit.fits && fit.false_defects_per_100m.is_none());
+        assert!(fit.cannot_tell() && fit.warning().is_none());
+        let few_peaks = IntactRope { peaks: vec![4.0, 4.5, 5.0], metres: 3.0, seen_m: 3.0, ..IntactRope::default() };
+        let fit = few_peaks.fit(&budget, &scores);
+        assert!(fit.fits && fit.false_defects_per_100m.is_none() && fit.cannot_tell(), "{fit:?}");
     }
 }

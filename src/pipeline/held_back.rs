@@ -74,6 +74,11 @@ impl Held {
         Self { seen, sums }
     }
 
+    /// Number of stretches.
+    pub fn stretches(&self) -> usize {
+        self.seen.len()
+    }
+
     /// The images of a stretch and of those beside it.
     fn images<'a>(&'a self, stretch: usize, rope: &'a Rope) -> Beside<'a> {
         let number = self.seen[stretch].0;

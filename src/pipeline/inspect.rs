@@ -1,5 +1,6 @@
 //! Aligns, measures and, with a model, finds defects; writes the results folder.
 
+use super::blind_columns::BlindColumns;
 use super::coverage::Coverage;
 use super::detection::{Detection, Judged};
 use super::diameters::{DiameterExtremes, DiameterSummary};
@@ -73,6 +74,7 @@ pub fn inspect(
         _ => None,
     };
     let mut coverage = Coverage::new(views);
+    let mut blind = BlindColumns::new(views);
     let mut extremes = DiameterExtremes::default();
     // Who looks on hears of lay lengths at once: the search settles several stretches together, and scoring them takes a while.
     let tell = |settled: &[AlignedStretch]| {
@@ -100,6 +102,7 @@ pub fn inspect(
         }
         coverage.add(&stretch, acquisition.line_pitch_mm);
         if let Some(detection) = &mut detection {
+            blind.add(&stretch);
             let before = detection.take(stretch.into(), cameras, options.maps)?;
             judged(detection, before)?;
         }
@@ -152,6 +155,7 @@ pub fn inspect(
         notes: fit
             .iter()
             .filter_map(ModelFit::warning)
+            .chain(blind.notes(acquisition))
             .chain(diameter.as_ref().and_then(DiameterSummary::note))
             .collect(),
         diameter,

@@ -3,8 +3,10 @@
 pub mod acquisition;
 pub mod bandwidths;
 mod behind;
+mod blind_columns;
 pub mod budget;
 pub mod closeup;
+pub mod construction;
 mod coverage;
 mod detection;
 pub mod diameters;
@@ -62,12 +64,26 @@ pub enum PipelineError {
     #[error(transparent)]
     Acquisition(#[from] AcquisitionError),
     /// The model was learnt from another construction than the rope of this acquisition.
-    #[error("the model was trained on {model}, but this acquisition shows {acquisition}: use a model of this rope")]
+    #[error(
+        "the model was trained on rope with {} of {}, but this acquisition shows {}: use a model of this rope, or train one",
+        .difference.quantity,
+        .difference.first,
+        .difference.other
+    )]
     ModelOfAnotherRope {
-        /// The construction that the model knows, such as `6x9, 32 mm, 4 views`.
-        model: String,
-        /// The construction of the acquisition.
-        acquisition: String,
+        /// In what; the first is what the model knows.
+        difference: construction::Difference,
+    },
+    /// The model was learnt through another camera head than that of this acquisition.
+    #[error(
+        "the model was trained on recordings with {} of {}, but this acquisition has {}: use a model that was trained on recordings like this one, or train one",
+        .difference.quantity,
+        .difference.first,
+        .difference.other
+    )]
+    ModelOfAnotherHead {
+        /// In what; the first is what the model knows.
+        difference: construction::Difference,
     },
     /// A file is not a model, or a damaged one.
     #[error("{path} is not a usable appearance model: {reason}")]
@@ -82,10 +98,35 @@ pub enum PipelineError {
         "only {aligned_m:.2} m of the range could be aligned, but training needs at least {needed_m} m: widen --from-m/--to-m"
     )]
     TooLittleRope {
-        /// Metres that were aligned.
+        /// Metres that were aligned in the view that has most.
         aligned_m: f64,
         /// Metres that are needed.
         needed_m: f64,
+    },
+    /// There is enough rope, but not in every view.
+    #[error(
+        "{} of aligned rope, but training needs at least {needed_m} m of every view (the best gave {best_m:.2} m): mend the camera, or leave that view out of this recording and of those that the model shall inspect",
+        of_views(.views)
+    )]
+    ViewsGaveTooLittle {
+        /// These views, each with the metres that it gave.
+        views: Vec<(usize, f64)>,
+        /// Metres that the best view gave.
+        best_m: f64,
+        /// Metres that are needed of each.
+        needed_m: f64,
+    },
+    /// The views learnt enough, but what is kept to judge by does not suffice.
+    #[error(
+        "{aligned_m:.2} m of rope were learnt from (mean of the views), but of the stretches that all views show {stretches} were kept to calibrate scores, and these {lacks}: widen --from-m/--to-m; an inspection without a model lists what each view does not cover"
+    )]
+    NotCalibrated {
+        /// Metres that were learnt from, mean of the views.
+        aligned_m: f64,
+        /// Stretches, of some 0.2 m each, that every view has.
+        stretches: usize,
+        /// What is wrong with them.
+        lacks: &'static str,
     },
     /// A range that shows no rope.
     #[error(
@@ -107,7 +148,7 @@ pub enum PipelineError {
         /// The one that differs from the first, by its folder or its id.
         acquisition: String,
         /// In what.
-        difference: training_range::Difference,
+        difference: construction::Difference,
     },
     /// The same rope would teach twice.
     #[error(
@@ -131,6 +172,12 @@ pub enum PipelineError {
     /// The caller asked to stop.
     #[error("cancelled")]
     Cancelled,
+}
+
+/// What views gave, in words.
+fn of_views(views: &[(usize, f64)]) -> String {
+    let gave: Vec<String> = views.iter().map(|(view, metres)| format!("view {view} gave only {metres:.2} m")).collect();
+    gave.join(", ")
 }
 
 impl From<SourceError> for PipelineError {

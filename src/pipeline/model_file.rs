@@ -1,5 +1,6 @@
 //! Appearance models on disk: a header that people can read, and compressed tables.
 
+use super::construction::Construction;
 use super::tables::write_error;
 use super::train::TrainReport;
 use super::{Acquisition, PipelineError};
@@ -14,13 +15,15 @@ use serde::{Deserialize, Serialize};
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-const MAGIC: &[u8] = b"ropescope model 14\n";
+const MAGIC: &[u8] = b"ropescope model 15\n";
 /// How models of every version begin.
 const KIND: &[u8] = b"ropescope model ";
 /// Longest header that is read, in bytes.
 const MAX_HEADER_BYTES: u32 = 1 << 20;
-/// How far the diameter of a rope may be off its model's, as a share.
+/// How far the diameter of a rope may be off its model's, as a share: rope wears, and is measured anew.
 const DIAMETER_TOLERANCE: f64 = 0.02;
+/// The same of the line pitch: the encoder's wheel wears and slips, and within this a block has as many lines as in training.
+const PITCH_TOLERANCE: f64 = 0.05;
 
 /// A trained model.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,19 +37,10 @@ pub struct Model {
     pub lasting: Lasting,
 }
 
-/// What must agree between a model and an acquisition.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Construction {
-    strands: usize,
-    wires: usize,
-    diameter_mm: f64,
-    views: usize,
-    text: String,
-}
-
 #[derive(Serialize, Deserialize)]
 struct Header {
     report: TrainReport,
+    /// What must agree between a model and an acquisition.
     construction: Construction,
     /// `[view][factor][filter]`.
     calibration: Vec<Vec<Vec<Option<CalibrationNumbers>>>>,
@@ -59,27 +53,20 @@ struct Header {
 impl Model {
     /// A model for the rope of an acquisition.
     pub fn new(acquisition: &Acquisition, report: TrainReport, views: Vec<ViewAppearance>, lasting: Lasting) -> Self {
-        let construction = Construction {
-            strands: acquisition.rope.strands(),
-            wires: acquisition.rope.wires(),
-            diameter_mm: acquisition.rope.diameter_mm(),
-            views: acquisition.view_angles_rad.len(),
-            text: acquisition.construction(),
-        };
-        Self { report, construction, views, lasting }
+        Self { report, construction: Construction::of(acquisition), views, lasting }
     }
 
-    /// Refuses an acquisition of another rope.
+    /// Refuses an acquisition of another rope, or by another camera head: scores would mean something else there, and at coarser lines
+    /// nobody looks closer. Images may be wider or narrower than those that taught, because places are found on the rope.
     pub fn check(&self, acquisition: &Acquisition) -> Result<(), PipelineError> {
-        let c = &self.construction;
-        let same = c.strands == acquisition.rope.strands()
-            && c.wires == acquisition.rope.wires()
-            && c.views == acquisition.view_angles_rad.len()
-            && (c.diameter_mm / acquisition.rope.diameter_mm() - 1.0).abs() <= DIAMETER_TOLERANCE;
-        if same {
-            return Ok(());
+        let shown = Construction::of(acquisition);
+        if let Some(difference) = self.construction.other_rope(&shown, DIAMETER_TOLERANCE) {
+            return Err(PipelineError::ModelOfAnotherRope { difference });
         }
-        Err(PipelineError::ModelOfAnotherRope { model: c.text.clone(), acquisition: acquisition.construction() })
+        match self.construction.other_head(&shown, PITCH_TOLERANCE) {
+            Some(difference) => Err(PipelineError::ModelOfAnotherHead { difference }),
+            None => Ok(()),
+        }
     }
 
     /// Writes the model, whole or not at all: to a temporary file beside it, synced, then renamed.
@@ -127,7 +114,7 @@ impl Model {
     pub fn read(path: &Path) -> Result<Self, PipelineError> {
         let unusable = |reason: String| PipelineError::Model { path: path.into(), reason };
         let (header, rest) = read_header(path)?;
-        let views = header.construction.views;
+        let views = header.construction.views();
         if header.table_lens != TABLES || header.calibration.len() != views {
             return Err(unusable(format!(
                 "its tables have {:?} entries, this version uses {TABLES:?}",
@@ -204,7 +191,14 @@ fn read_header(path: &Path) -> Result<(Header, BufReader<std::fs::File>), Pipeli
     let mut length = [0u8; 4];
     let whole = file.read_exact(&mut magic).and_then(|()| file.read_exact(&mut length));
     if whole.is_err() || magic != MAGIC {
-        return Err(unusable("it does not begin like a model of this version".into()));
+        let number = |magic: &[u8]| -> String {
+            magic[KIND.len()..].iter().map(|&b| char::from(b)).take_while(char::is_ascii_digit).collect()
+        };
+        return Err(unusable(if magic.starts_with(KIND) && magic != MAGIC {
+            format!("it is of version {}, and this program reads {}: train anew", number(&magic), number(MAGIC))
+        } else {
+            "it does not begin like a model".to_owned()
+        }));
     }
     let length = u32::from_le_bytes(length);
     if length > MAX_HEADER_BYTES {
@@ -225,4 +219,91 @@ pub fn is_model(path: &Path) -> bool {
 /// Reads what a model says of its training, without its tables.
 pub fn read_report(path: &Path) -> Result<TrainReport, PipelineError> {
     Ok(read_header(path)?.0.report)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::training_range::tests::acquisition;
+    use serde_json::json;
+
+    fn model(acquisition: &Acquisition) -> Model {
+        let report = json!({
+            "construction": acquisition.construction(), "from_m": 0.0, "to_m": 5.0, "learnt_view_m": 10.0, "threshold": 6.0,
+            "threshold_origin": "a test", "seconds": 1.0, "notes": [],
+        });
+        Model::new(acquisition, serde_json::from_value(report).unwrap(), Vec::new(), Lasting::NEVER)
+    }
+
+    #[test]
+    fn another_rope_or_camera_head_is_refused_with_both_values_and_a_way_out() {
+        let model = model(&acquisition(|_| ()));
+        for (key, value, words) in [
+            ("wires_per_strand", json!(8), "rope with a number of wires per strand of 9, but this acquisition shows 8"),
+            ("rope_diameter_mm", json!(31.0), "rope with a rope diameter of 32 mm, but this acquisition shows 31 mm"),
+            (
+                "strand_lay_mm",
+                json!(-220.0),
+                "rope with a strand lay of right-hand, but this acquisition shows left-hand",
+            ),
+            ("wire_lay_mm", json!(95.0), "rope with a wire lay of left-hand, but this acquisition shows right-hand"),
+        ] {
+            let error = model.check(&acquisition(|file| file[key] = value)).unwrap_err();
+            assert!(matches!(error, PipelineError::ModelOfAnotherRope { .. }));
+            let error = error.to_string();
+            assert!(error.contains(words) && error.ends_with(": use a model of this rope, or train one"), "{error}");
+        }
+        let one_view = json!([{"folder": "view0", "angle_deg": 0.0}]);
+        let turned = json!([{"folder": "view0", "angle_deg": 0.0}, {"folder": "view1", "angle_deg": 120.0}]);
+        for (key, value, words) in [
+            ("line_pitch_mm", json!(0.3), "a line pitch of 0.1 mm, but this acquisition has 0.3 mm"),
+            ("views", one_view, "a number of views of 2, but this acquisition has 1"),
+            ("views", turned, "an angle of view 1 of 90.0 degrees, but this acquisition has 120.0 degrees"),
+        ] {
+            let error = model.check(&acquisition(|file| file[key] = value)).unwrap_err();
+            assert!(matches!(error, PipelineError::ModelOfAnotherHead { .. }));
+            let error = error.to_string();
+            assert!(
+                error.contains(words) && error.contains(": use a model that was trained on recordings like"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn another_day_of_the_rope_is_taken_with_a_diameter_that_was_measured_anew() {
+        let model = model(&acquisition(|_| ()));
+        let other = acquisition(|file| {
+            file["start_m"] = json!(3.0);
+            file["rope_diameter_mm"] = json!(31.5);
+            file["strand_lay_mm"] = json!(218.0);
+            file["sensor_px"] = json!(512);
+            file["views"][1]["angle_deg"] = json!(89.5);
+            file.as_object_mut().unwrap().remove("wire_lay_mm");
+        });
+        model.check(&other).unwrap();
+    }
+
+    #[test]
+    fn what_must_agree_is_the_same_when_it_is_read_back() {
+        let acquisition = acquisition(|file| file["views"][1]["angle_deg"] = json!(33.3));
+        let written = serde_json::to_vec(&Construction::of(&acquisition)).unwrap();
+        let read = Model { construction: serde_json::from_slice(&written).unwrap(), ..model(&acquisition) };
+        read.check(&acquisition).unwrap();
+    }
+
+    #[test]
+    fn models_of_other_versions_are_told_from_what_is_no_model() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("old.model");
+        let said = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            Model::read(&path).unwrap_err().to_string()
+        };
+        let old = said(b"ropescope model 9\n{}     ");
+        assert!(old.ends_with("it is of version 9, and this program reads 15: train anew"), "{old}");
+        for bytes in [&b"a picture, which is long enough to be read"[..], b"ropescope model 15\n", b"", b"ropes"] {
+            assert!(said(bytes).ends_with("it does not begin like a model"), "{}", said(bytes));
+        }
+    }
 }

@@ -5,7 +5,7 @@
 pub(super) const CONTEXT_MM: f64 = 50.0;
 
 /// Lines on each side of an alarm that belong to its context.
-fn context_lines(line_pitch_mm: f64) -> usize {
+pub(super) fn context_lines(line_pitch_mm: f64) -> usize {
     (CONTEXT_MM / 2.0 / line_pitch_mm) as usize
 }
 

@@ -2,13 +2,15 @@
 //!
 //! Stored scores do not tell strands apart, so alarms of two strands at one place count as one place here.
 
-use super::reinspection::lines_to_look_at;
+use super::reinspection::{context_lines, lines_to_look_at};
 use crate::vision::defects::{AlarmBuilder, Look, merge};
 use crate::vision::stretch_scores::StretchScores;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
+use std::ops::Range;
 
-/// Halvings of the interval of scores in search of a budget: finer than any score is told.
-const HALVINGS: usize = 40;
+/// Steps of a score that thresholds for a budget lie on; a choice, finer than the fourth digit of any threshold that is worth trying.
+const STEPS_PER_SCORE: f64 = 4096.0;
 
 /// The highest score of every line over all views, as runs of lines of one score.
 #[derive(Debug, Clone, PartialEq)]
@@ -95,6 +97,45 @@ impl ScoreCourse {
             .collect();
         Judgement { reinspect_m, places }
     }
+
+    /// The highest score within the context of every line, as runs of lines along the rope: thresholds under it have the line looked at.
+    /// Lines without any score so near are left out.
+    fn highest_around(&self, mut take: impl FnMut(f32, usize)) {
+        let context = context_lines(self.pitch_mm);
+        // Scores that may still be the highest, each lower than the one before it, and the line that its context ends before.
+        let mut near: VecDeque<(f32, usize)> = VecDeque::new();
+        let (mut told, mut first_line) = (0_usize, 0_usize);
+        for &(score, lines) in &self.runs {
+            let reaches_from = first_line.saturating_sub(context);
+            first_line += lines;
+            if score.is_finite() {
+                tell_highest(&mut near, told..reaches_from, &mut take);
+                told = reaches_from;
+                while near.back().is_some_and(|&(other, _)| other <= score) {
+                    near.pop_back();
+                }
+                near.push_back((score, first_line + context));
+            }
+        }
+        tell_highest(&mut near, told..first_line, &mut take);
+    }
+}
+
+/// Tells the first of the scores for the lines of the range, each as far as its context goes; those behind are forgotten.
+fn tell_highest(near: &mut VecDeque<(f32, usize)>, mut lines: Range<usize>, take: &mut impl FnMut(f32, usize)) {
+    while !lines.is_empty() {
+        match near.front().copied() {
+            Some((_, end)) if end <= lines.start => {
+                near.pop_front();
+            }
+            Some((score, end)) => {
+                let to = end.min(lines.end);
+                take(score, to - lines.start);
+                lines.start = to;
+            }
+            None => return,
+        }
+    }
 }
 
 /// Line scores know no wires: every run counts as one of its own, so that none are joined from pass to pass of a wire.
@@ -111,20 +152,41 @@ fn one_block(score: f32, first_line: usize, lines: usize) -> StretchScores {
     }
 }
 
-/// The least threshold that asks for at most so many metres to re-inspect per 100 m of inspected rope. `None` if nothing was.
-pub fn threshold_for(courses: &[ScoreCourse], reinspect_m_per_100m: f64) -> Option<f64> {
-    let inspected_m: f64 = courses.iter().map(ScoreCourse::inspected_m).sum();
-    let scores = courses.iter().flat_map(|c| &c.runs).map(|(score, _)| f64::from(*score)).filter(|s| s.is_finite());
-    let (mut low, mut high) = scores.fold(None, |range: Option<(f64, f64)>, s| {
-        Some(range.map_or((s, s), |(low, high)| (low.min(s), high.max(s))))
-    })?;
-    low -= 1.0; // under it all lines are alarms
-    for _ in 0..HALVINGS {
-        let middle = (low + high) / 2.0;
-        let reinspect_m: f64 = courses.iter().map(|c| c.judge(middle).reinspect_m).sum();
-        if reinspect_m * 100.0 <= reinspect_m_per_100m * inspected_m { high = middle } else { low = middle }
+/// Metres that every threshold would have people look at on several inspections: all that a budget of metres has to know of them. It takes
+/// some megabytes, however much rope that is, because scores are rounded up to whole steps.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct MetresToLookAt {
+    inspected_m: f64,
+    lowest: Option<f64>,
+    /// Metres by the highest score in their context, in steps.
+    by_step: BTreeMap<i64, f64>,
+}
+
+impl MetresToLookAt {
+    /// Adds an inspection.
+    pub fn add(&mut self, course: &ScoreCourse) {
+        self.inspected_m += course.inspected_m();
+        let scores = course.runs.iter().map(|&(score, _)| f64::from(score)).filter(|score| score.is_finite());
+        self.lowest = scores.chain(self.lowest).min_by(f64::total_cmp);
+        course.highest_around(|score, lines| {
+            let step = (f64::from(score) * STEPS_PER_SCORE).ceil() as i64;
+            *self.by_step.entry(step).or_default() += course.metres(lines);
+        });
     }
-    Some(high)
+
+    /// The least threshold, in steps, that asks for at most so many metres to re-inspect per 100 m of inspected rope. `None` if nothing
+    /// was inspected.
+    pub fn threshold_for(&self, reinspect_m_per_100m: f64) -> Option<f64> {
+        let lowest = self.lowest?;
+        let mut reinspect_m = 0.0;
+        for (&step, metres) in self.by_step.iter().rev() {
+            reinspect_m += metres;
+            if reinspect_m * 100.0 > reinspect_m_per_100m * self.inspected_m {
+                return Some(step as f64 / STEPS_PER_SCORE);
+            }
+        }
+        Some(lowest - 1.0) // all lines are alarms, and the budget allows it
+    }
 }
 
 #[cfg(test)]
@@ -162,10 +224,51 @@ mod tests {
         // 1 of 100 m over 8, 3 of 100 m over 4; 5 cm of context to each place.
         let course = course(&[&[(1.0, 600_000), (9.0, 10_000), (1.0, 200_000), (5.0, 20_000), (1.0, 170_000)]]);
         assert_eq!(course.inspected_m(), 100.0);
-        let threshold = |budget| threshold_for(std::slice::from_ref(&course), budget).unwrap();
-        assert!((threshold(3.0) - 5.0).abs() < 1e-6, "{}", threshold(3.0));
-        assert!((threshold(3.2) - 1.0).abs() < 1e-6);
-        assert!((threshold(0.0) - 9.0).abs() < 1e-6);
-        assert_eq!(threshold_for(&[], 1.0), None);
+        let mut metres = MetresToLookAt::default();
+        assert_eq!(metres.threshold_for(1.0), None, "nothing was inspected");
+        metres.add(&course);
+        let thresholds = [0.0, 3.0, 3.2, 101.0].map(|budget| metres.threshold_for(budget).unwrap());
+        assert_eq!(thresholds, [9.0, 5.0, 1.0, 0.0], "the last one allows all of the rope");
+    }
+
+    #[test]
+    fn a_threshold_for_a_budget_keeps_it_as_inspections_judge_and_a_step_lower_does_not() {
+        // Scores from -2 to 8, most of them low, with gaps, in runs of up to 40 lines; two camera lines of different lengths.
+        let mut state = 1_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f32 / (1_u64 << 31) as f32
+        };
+        let mut runs = || -> Vec<(f32, usize)> {
+            let mut run = || {
+                let lines = 1 + (40.0 * random()) as usize;
+                (if random() < 0.1 { f32::NAN } else { 10.0 * random().powi(8) - 2.0 }, lines)
+            };
+            (0..2000).map(|_| run()).collect()
+        };
+        let courses = [course(&[&runs()]), ScoreCourse { pitch_mm: 0.25, ..course(&[&runs()]) }];
+        let mut metres = MetresToLookAt::default();
+        courses.iter().for_each(|course| metres.add(course));
+        let inspected_m: f64 = courses.iter().map(ScoreCourse::inspected_m).sum();
+        let asked_for = |threshold| {
+            let reinspect_m: f64 = courses.iter().map(|course| course.judge(threshold).reinspect_m).sum();
+            100.0 * reinspect_m / inspected_m
+        };
+        // Sums of metres differ by rounding only.
+        for budget in [0.0, 0.7, 3.0, 11.0, 40.0, 90.0] {
+            let threshold = metres.threshold_for(budget).unwrap();
+            let (kept, lower) = (asked_for(threshold), asked_for(threshold - 1.0 / STEPS_PER_SCORE));
+            assert!(kept <= budget + 1e-9 && lower > budget - 1e-9, "{threshold}: {kept} and {lower} of {budget}");
+        }
+    }
+
+    #[test]
+    fn what_is_kept_for_a_budget_grows_with_the_range_of_scores_and_not_with_the_rope() {
+        let rising: Vec<(f32, usize)> = (0..60_000_u16).map(|n| (f32::from(n) / 60_000.0, 1)).collect();
+        let rising = course(&[&rising]);
+        assert_eq!(rising.runs.len(), 60_000);
+        let mut metres = MetresToLookAt::default();
+        (0..3).for_each(|_| metres.add(&rising));
+        assert!(metres.by_step.len() <= 4097, "{} steps from 0 to 1", metres.by_step.len());
     }
 }

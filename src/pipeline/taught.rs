@@ -47,8 +47,8 @@ impl<'a> Taught<'a> {
         gray_score: GrayScore,
         progress: &dyn Progress,
     ) -> Result<Self, PipelineError> {
-        let too_little = |aligned_m| PipelineError::TooLittleRope { aligned_m, needed_m: LEAST_M };
-        let acquisition = ranges.first().ok_or_else(|| too_little(0.0))?.acquisition;
+        let nothing = PipelineError::TooLittleRope { aligned_m: 0.0, needed_m: LEAST_M };
+        let acquisition = ranges.first().ok_or(nothing)?.acquisition;
         training_range::check(ranges)?;
         let views = acquisition.view_angles_rad.len();
         let pitch_mm = acquisition.line_pitch_mm;
@@ -60,11 +60,9 @@ impl<'a> Taught<'a> {
         let mut gray = vec![GrowingGray::new(stretches); views];
         let given_view_m =
             pass(PASSES[0]).each_view(&mut gray, |_| true, |number, aligned, gray| gray.take(number, &aligned))?;
-        let learnt_view_m: f64 = gray.iter().map(|view| view.metres).sum();
-        let aligned_m = learnt_view_m / views as f64;
-        if aligned_m < LEAST_M {
-            return Err(too_little(aligned_m));
-        }
+        let of_views_m: Vec<f64> = gray.iter().map(|view| view.metres).collect();
+        every_view_gave_enough(&of_views_m)?;
+        let learnt_view_m: f64 = of_views_m.iter().sum();
         let fit = BandwidthsFit::of(bandwidths, &gray);
         let learning_curve = curve(&gray, fit.bandwidths());
 
@@ -94,6 +92,27 @@ impl<'a> Taught<'a> {
     pub(super) fn aligned_m(&self) -> f64 {
         self.learnt_view_m / self.acquisition.view_angles_rad.len() as f64
     }
+
+    /// Why it cannot be calibrated: what the stretches that are kept lack.
+    pub(super) fn not_calibrated(&self, lacks: &'static str) -> PipelineError {
+        let stretches = self.held.iter().map(Held::stretches).min().unwrap_or(0);
+        PipelineError::NotCalibrated { aligned_m: self.aligned_m(), stretches, lacks }
+    }
+}
+
+/// Refuses a training to which a view gave too few metres. Only what all views show calibrates, so a dead camera would leave nothing, which
+/// would be found only after two more passes.
+fn every_view_gave_enough(of_views_m: &[f64]) -> Result<(), PipelineError> {
+    let best_m = of_views_m.iter().copied().fold(0.0, f64::max);
+    if best_m < LEAST_M {
+        return Err(PipelineError::TooLittleRope { aligned_m: best_m, needed_m: LEAST_M }); // no fault of a single camera
+    }
+    let views: Vec<(usize, f64)> =
+        of_views_m.iter().copied().enumerate().filter(|(_, metres)| *metres < LEAST_M).collect();
+    if views.is_empty() {
+        return Ok(());
+    }
+    Err(PipelineError::ViewsGaveTooLittle { views, best_m, needed_m: LEAST_M })
 }
 
 /// How many stretches are kept for calibration and threshold: their evidence stays in memory.
@@ -108,4 +127,41 @@ fn kept_stretches(used: &[Used<'_>], stretches: usize) -> usize {
     };
     let most_bytes = used.iter().map(bytes).max().unwrap_or(1);
     stretches.min((MOST_EVIDENCE_BYTES / most_bytes).max(LEAST_KEPT))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::Budget;
+    use crate::pipeline::training_range::tests::acquisition;
+    use crate::vision::judging::Judging;
+
+    #[test]
+    fn views_that_gave_too_little_are_named_unless_all_did() {
+        every_view_gave_enough(&[5.0, 0.8]).unwrap();
+        let said = |of_views_m: &[f64]| every_view_gave_enough(of_views_m).unwrap_err().to_string();
+        let words = "view 1 gave only 0.00 m, view 3 gave only 0.45 m of aligned rope, but training needs at least 0.8 m of every view (the \
+                     best gave 5.00 m): mend the camera, or leave that view out";
+        assert!(said(&[5.0, 0.0, 4.6, 0.45]).starts_with(words), "{}", said(&[5.0, 0.0, 4.6, 0.45]));
+        assert!(said(&[0.7, 0.0]).starts_with("only 0.70 m of the range could be aligned"), "{}", said(&[0.7, 0.0]));
+    }
+
+    #[test]
+    fn views_that_show_no_stretch_together_are_not_told_that_they_have_less_rope_than_they_need() {
+        let acquisition = acquisition(|_| ());
+        let taught = Taught {
+            acquisition: &acquisition,
+            used: Vec::new(),
+            given_view_m: Vec::new(),
+            learnt_view_m: 7.5,
+            bandwidths: BandwidthsFit::of(BandwidthsBy::Fixed, &[]),
+            learning_curve: Vec::new(),
+            learnt: Vec::new(),
+            held: (0..2).map(|_| Held::new(Vec::new(), acquisition.line_pitch_mm)).collect(),
+        };
+        let said = taught.model(Budget::default(), &Judging::WHOLE).unwrap_err().to_string();
+        let words = "3.75 m of rope were learnt from (mean of the views), but of the stretches that all views show 0 were kept to calibrate \
+                     scores, and these are too few: widen";
+        assert!(said.starts_with(words), "{said}");
+    }
 }

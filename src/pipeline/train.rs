@@ -74,7 +74,7 @@ impl TrainReport {
     }
 }
 
-/// Least rope that must be aligned, in m.
+/// Least rope that must be aligned in every view, in m.
 pub(super) const LEAST_M: f64 = 0.8;
 /// What can be chosen in a training.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -108,17 +108,18 @@ impl Taught<'_> {
         let (acquisition, used, held) = (self.acquisition, &self.used, &self.held);
         let pitch_mm = acquisition.line_pitch_mm;
         let views = acquisition.view_angles_rad.len();
-        let too_little = || PipelineError::TooLittleRope { aligned_m: self.aligned_m(), needed_m: 2.0 * LEAST_M };
+        let too_few = || self.not_calibrated("are too few");
         let mut learnt: Vec<ViewAppearance> = self.learnt.iter().map(|view| judging.cut(view)).collect();
-        let mut scored = cross_scored(&learnt, held, &acquisition.rope, pitch_mm, judging).ok_or_else(too_little)?;
+        let mut scored = cross_scored(&learnt, held, &acquisition.rope, pitch_mm, judging).ok_or_else(too_few)?;
         for (view, held) in learnt.iter_mut().zip(held) {
             if !held.calibrate(view, |_| true) {
-                return Err(too_little());
+                return Err(too_few());
             }
         }
         let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
         let lasting = if judging.lasting {
-            Lasting::calibrate(scored.iter().flatten().flatten(), block_mm).ok_or_else(too_little)?
+            let unjudged = || self.not_calibrated("have no line that could be judged");
+            Lasting::calibrate(scored.iter().flatten().flatten(), block_mm).ok_or_else(unjudged)?
         } else {
             Lasting::NEVER
         };
@@ -130,7 +131,8 @@ impl Taught<'_> {
         let mut intact = IntactRope::default();
         scored.iter().for_each(|views| intact.add(views, f64::INFINITY, block_mm));
         let known = judging.known_tail(&learnt, pitch_mm);
-        let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres(), known).ok_or_else(too_little)?;
+        let budget = BudgetFit::of(budget, per_100m, intact.peaks(), intact.metres(), known)
+            .ok_or_else(|| self.not_calibrated("have too few peaks of the score to find a threshold"))?;
         let mut notes = Vec::new();
         let mut learnt_from = Vec::new();
         if used.len() > 1 {

@@ -1,16 +1,12 @@
 //! Intact rope to learn from: a range of an acquisition. Of several, whether they show one rope, seen by one camera head.
 
+use super::construction::{Construction, Difference, ROUNDING, differs};
 use super::{Acquisition, FrameSource, PipelineError};
 use serde::{Deserialize, Serialize};
-use std::fmt;
 use std::ops::Range;
 
 /// Most ranges that teach one model: a choice, for lists that come from outside.
 pub const MOST_RANGES: usize = 16;
-/// How far nominal angles of a view may lie apart, in rad: mounting a camera head again is no more exact than 1 degree.
-const ANGLE_TOLERANCE_RAD: f64 = 0.017_5;
-/// How far quantities that people write down may lie apart, as a share: they are rounded, not measured.
-const ROUNDING: f64 = 1e-6;
 
 /// A range of an acquisition that is known to be intact.
 #[derive(Clone, Copy)]
@@ -38,23 +34,6 @@ pub struct LearntFrom {
     pub to_m: f64,
     /// Metres of rope that were aligned and learnt from, summed over the views.
     pub learnt_view_m: f64,
-}
-
-/// What keeps two acquisitions from teaching one model.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Difference {
-    /// What differs.
-    pub quantity: String,
-    /// Its value in the first acquisition, with unit.
-    pub first: String,
-    /// And in the other.
-    pub other: String,
-}
-
-impl fmt::Display for Difference {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} of {}, but the first one has {}", self.quantity, self.other, self.first)
-    }
 }
 
 impl TrainingRange<'_> {
@@ -93,41 +72,11 @@ pub fn overlap(a: (Option<f64>, Option<f64>), b: (Option<f64>, Option<f64>)) -> 
 
 /// The first thing in which two acquisitions differ and must not, to teach one model. Lays may differ, only their hand may not.
 pub fn difference(first: &Acquisition, other: &Acquisition) -> Option<Difference> {
-    let differs = |quantity: &str, first: String, other: String| {
-        (first != other).then(|| Difference { quantity: quantity.to_owned(), first, other })
-    };
-    let measure = |quantity: &str, unit: &str, a: f64, b: f64| {
-        let same = (a - b).abs() <= ROUNDING * a.abs();
-        (!same).then(|| Difference {
-            quantity: quantity.to_owned(),
-            first: format!("{a} {unit}"),
-            other: format!("{b} {unit}"),
-        })
-    };
-    let count = |quantity: &str, a: usize, b: usize| differs(quantity, a.to_string(), b.to_string());
-    let hand = |quantity: &str, a: Option<f64>, b: Option<f64>| {
-        let name = |lay_mm: f64| if lay_mm > 0.0 { "right-hand" } else { "left-hand" }.to_owned();
-        a.zip(b).and_then(|(a, b)| differs(quantity, name(a), name(b))) // nobody wrote it down: nothing contradicts
-    };
-    let (a, b) = (first.rope.design(), other.rope.design());
-    let (angles, other_angles) = (&first.view_angles_rad, &other.view_angles_rad);
-    let angle = |(view, (a, b)): (usize, (&f64, &f64))| {
-        let apart_rad = (a - b).sin().atan2((a - b).cos()).abs(); // 359 degrees are next to 0
-        (apart_rad > ANGLE_TOLERANCE_RAD).then(|| Difference {
-            quantity: format!("an angle of view {view}"),
-            first: format!("{:.1} degrees", a.to_degrees()),
-            other: format!("{:.1} degrees", b.to_degrees()),
-        })
-    };
-    count("a number of strands", a.strands, b.strands)
-        .or_else(|| count("a number of wires per strand", a.wires_per_strand, b.wires_per_strand))
-        .or_else(|| measure("a rope diameter", "mm", a.diameter_mm, b.diameter_mm))
-        .or_else(|| hand("a strand lay", a.strand_lay_mm, b.strand_lay_mm))
-        .or_else(|| hand("a wire lay", a.wire_lay_mm, b.wire_lay_mm))
-        .or_else(|| count("a number of views", angles.len(), other_angles.len()))
-        .or_else(|| angles.iter().zip(other_angles).enumerate().find_map(angle))
-        .or_else(|| measure("a line pitch", "mm", first.line_pitch_mm, other.line_pitch_mm))
-        .or_else(|| differs("an image width", format!("{} px", first.sensor_px), format!("{} px", other.sensor_px)))
+    let (one, another) = (Construction::of(first), Construction::of(other));
+    let columns = |acquisition: &Acquisition| format!("{} px", acquisition.sensor_px);
+    one.other_rope(&another, ROUNDING)
+        .or_else(|| one.other_head(&another, ROUNDING))
+        .or_else(|| differs("an image width", columns(first), columns(other)))
 }
 
 /// What every acquisition gave, as a sentence.
@@ -144,12 +93,13 @@ pub(super) fn sentence(learnt_from: &[LearntFrom], views: usize) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::pipeline::{FrameFiles, RopeFile};
     use serde_json::{Value, json};
 
-    fn acquisition(change: impl FnOnce(&mut Value)) -> Acquisition {
+    /// An acquisition by two views, changed as a test wants it.
+    pub fn acquisition(change: impl FnOnce(&mut Value)) -> Acquisition {
         let mut file = json!({
             "strands": 6, "wires_per_strand": 9, "rope_diameter_mm": 32.0, "strand_lay_mm": 220.0, "wire_lay_mm": -95.0,
             "line_pitch_mm": 0.1, "sensor_px": 480, "rope_width_px": 380.0, "start_m": 100.0,

@@ -1,5 +1,5 @@
 //! Retention: frames that may go after the time that their ropeway keeps them, and those that may not. Never evidence of a defect
-//! that is open or confirmed, never what was not inspected yet.
+//! that is open or confirmed, never what no inspection has searched for defects yet: one without a model measures lay lengths only.
 
 use super::{Id, Store, StoreError, folder, frames::run_blocking};
 
@@ -15,7 +15,8 @@ const OVERDUE: &str = "select a.id, w.name as ropeway, r.name as rope, a.frame_b
                       where i.acquisition_id = a.id and (d.state = 'confirmed' or (d.level = 'alarm' and d.state = 'open'))) then 'it is evidence of defects that are open or confirmed'
          when exists (select 1 from job_acquisition n join job j on j.id = n.job_id
                       where n.acquisition_id = a.id and j.state in ('queued', 'running')) then 'a job works on it'
-         when not exists (select 1 from inspection i where i.acquisition_id = a.id) then 'it was never inspected'
+         when not exists (select 1 from inspection i
+                          where i.acquisition_id = a.id and i.model_id is not null) then 'it was never inspected with a model'
        end as kept_because
      from acquisition a join rope r on r.id = a.rope_id join ropeway w on w.id = r.ropeway_id
      where w.keep_days is not null and a.frames_removed_at_ms is null and a.state = 'complete'

@@ -20,7 +20,8 @@ pub fn event_type(cause: &Cause) -> &'static str {
 /// without a slash at the end; links start with it.
 pub fn body(id: &str, occurred_ms: i64, facts: &DefectFacts, base_url: &str) -> Value {
     let api = format!("{base_url}/api/v1");
-    let (from_m, to_m) = ((facts.from_m - CONTEXT_M).max(0.0), facts.to_m + CONTEXT_M);
+    // Rope metres may be negative; pictures are cut to the lines that there are.
+    let (from_m, to_m) = (facts.from_m - CONTEXT_M, facts.to_m + CONTEXT_M);
     let map = |name: &str| {
         format!(
             "{api}/inspections/{}/views/{}/{name}.png?from_m={from_m:.3}&to_m={to_m:.3}",
@@ -68,30 +69,42 @@ mod tests {
     use super::*;
     use uuid::Uuid;
 
-    #[test]
-    fn body_has_what_cloudevents_requires_and_links_with_context() {
-        let facts = DefectFacts {
+    fn facts(from_m: f64, to_m: f64) -> DefectFacts {
+        DefectFacts {
             defect_id: Uuid::from_u128(1),
             inspection_id: Uuid::from_u128(2),
             rope_id: Uuid::from_u128(3),
             rope: "carrying rope".into(),
             ropeway: "North".into(),
-            from_m: 0.02,
-            to_m: 1.25,
+            from_m,
+            to_m,
             strand: Some(3),
             wire: None,
             peak_score: 7.5,
             view: 2,
             cause: Cause::Level { ticket_level: 6.0 },
-        };
-        let event = body("defect_1", 1_700_000_000_000, &facts, "https://ropes.example");
+        }
+    }
+
+    #[test]
+    fn body_has_what_cloudevents_requires_and_links_with_context() {
+        let event = body("defect_1", 1_700_000_000_000, &facts(0.02, 1.25), "https://ropes.example");
         assert_eq!(event["specversion"], "1.0");
         assert_eq!(event["type"], "org.ropescope.defect.level-reached");
         assert_eq!(event["time"], "2023-11-14T22:13:20Z");
         assert_eq!(event["data"]["wire"], Value::Null);
         assert_eq!(
             event["data"]["links"]["image"],
-            "https://ropes.example/api/v1/inspections/00000000-0000-0000-0000-000000000002/views/2/image.png?from_m=0.000&to_m=1.300"
+            "https://ropes.example/api/v1/inspections/00000000-0000-0000-0000-000000000002/views/2/image.png?from_m=-0.030&to_m=1.300"
         );
+    }
+
+    #[test]
+    fn links_of_a_defect_at_negative_metres_show_these() {
+        let event = body("defect_1", 0, &facts(-12.5, -12.4), "https://ropes.example");
+        for link in ["image", "likelihood"] {
+            let link = event["data"]["links"][link].as_str().unwrap();
+            assert!(link.ends_with("?from_m=-12.550&to_m=-12.350"), "{link}");
+        }
     }
 }

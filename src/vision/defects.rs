@@ -9,6 +9,9 @@ const ALARM_GAP_MM: f64 = 4.0;
 const DEFECT_GAP_MM: f64 = 15.0;
 /// Alarms of one wire nearer than this have one cause: on the inner side of its strand nobody sees it.
 const WIRE_GAP_MM: f64 = 40.0;
+/// Alarms of two views on different strands that are farther apart round the rope have nothing to do with each other: what two cameras see
+/// of one place they tell within some 60 degrees, and opposite cameras see none in common.
+const VIEWS_AGREE_RAD: f64 = std::f64::consts::FRAC_PI_2;
 
 /// A run of lines of one view over the threshold.
 #[derive(Debug, Clone, PartialEq)]
@@ -169,7 +172,8 @@ pub fn merge(mut alarms: Vec<Alarm>, pitch_mm: f64) -> Vec<Defect> {
             if a.strand == alarm.strand {
                 apart <= if a.wire == alarm.wire { wire_gap_lines } else { gap_lines }
             } else {
-                apart <= gap_lines / 3 && a.view != alarm.view
+                let one_place = a.signs.apart_rad(&alarm.signs).is_none_or(|apart_rad| apart_rad <= VIEWS_AGREE_RAD);
+                apart <= gap_lines / 3 && a.view != alarm.view && one_place
             }
         };
         let mut joined = Defect { alarms: vec![alarm.clone()] };
@@ -213,6 +217,20 @@ mod tests {
         assert_eq!(defects[0].alarms.len(), 2);
         assert_eq!(defects[0].peak().unwrap().view, 1);
         assert_eq!((defects[0].first_line(), defects[0].last_line()), (100, 160));
+    }
+
+    #[test]
+    fn breaks_on_opposite_sides_of_the_rope_at_one_metre_are_two_defects() {
+        let towards = |view, strand, angle: f64| {
+            let signs = Signs { direction: angle.sin_cos(), ..Signs::default() };
+            Alarm { signs, ..alarm(view, 100, 130, strand, 15.0) }
+        };
+        assert_eq!(merge(vec![towards(0, 1, 0.2), towards(2, 4, 3.3)], 0.1).len(), 2);
+        assert_eq!(
+            merge(vec![towards(0, 1, 0.7), towards(1, 2, 1.0)], 0.1).len(),
+            1,
+            "both see one place between them"
+        );
     }
 
     #[test]

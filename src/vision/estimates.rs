@@ -82,6 +82,15 @@ pub struct Estimates {
     pub diameters: Diameters,
 }
 
+impl Estimates {
+    /// Strands whose wires were not found: nothing on them is judged.
+    pub fn strands_without_wires(&self) -> Vec<usize> {
+        let strands = self.fused.wires.len();
+        let lost = |j: &usize| self.wire_phases_rad.iter().skip(*j).step_by(strands).any(|phase| phase.is_nan());
+        (0..strands).filter(lost).collect()
+    }
+}
+
 /// What a stretch leaves of what those before it said of the encoder.
 const ENCODER_FADING: f64 = 0.97;
 
@@ -248,4 +257,26 @@ fn strand_estimate(
         phase_sd_rad: Course::mean_phase_variance(&courses, middle_knot(knots)).sqrt(),
         score,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_strand_whose_wires_are_not_known_is_told() {
+        let of = |wire_phases_rad: Vec<f64>| Estimates {
+            fused: StretchEstimate { strand: None, wires: vec![None; 3] },
+            views: Vec::new(),
+            knot_lines: 1,
+            strand_phases_rad: vec![0.0; 6],
+            wire_phases_rad,
+            strand_spread_rad: None,
+            diameters: Diameters::default(),
+        };
+        assert_eq!(of(vec![0.1; 6]).strands_without_wires(), [0; 0]);
+        let unknown = f64::NAN;
+        assert_eq!(of(vec![0.1, 0.2, unknown, 0.1, 0.2, unknown]).strands_without_wires(), [2]);
+        assert_eq!(of(vec![unknown; 6]).strands_without_wires(), [0, 1, 2]);
+    }
 }

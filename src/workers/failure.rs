@@ -35,9 +35,21 @@ impl Failure {
             PipelineError::ModelOfAnotherRope { .. } => {
                 Self::new("model-of-another-rope", "The model was trained on another rope", text, false)
             }
+            PipelineError::ModelOfAnotherHead { .. } => Self::new(
+                "model-of-another-head",
+                "The model was trained on recordings of another camera head",
+                text,
+                false,
+            ),
             PipelineError::Model { .. } => Self::new("model-unusable", "The model cannot be used", text, false),
             PipelineError::TooLittleRope { .. } => {
                 Self::new("too-little-rope", "There is too little aligned rope to learn from", text, false)
+            }
+            PipelineError::ViewsGaveTooLittle { .. } => {
+                Self::new("view-without-rope", "A view shows too little of the rope to learn from", text, false)
+            }
+            PipelineError::NotCalibrated { .. } => {
+                Self::new("not-calibrated", "Scores could not be calibrated", text, false)
             }
             PipelineError::NothingInRange { .. } => {
                 Self::new("out-of-range", "The range is not in the acquisition", text, false)

@@ -151,6 +151,10 @@ async fn pictures_show_any_range_scaled_and_small_defects_stay_dark() {
     let image = image::load_from_memory(&image.bytes).unwrap().to_luma8();
     let frame = image::load_from_memory(&crate::app::png(1)).unwrap().to_luma8();
     assert!(image == frame, "metres 5.01 to 5.02 are the lines of frame 1");
+    let image = app.admin.get(&format!("{path}/image.png?from_m=4.95&to_m=5.01")).await;
+    let image = image::load_from_memory(&image.bytes).unwrap().to_luma8();
+    let frame = image::load_from_memory(&crate::app::png(0)).unwrap().to_luma8();
+    assert!(image == frame, "the rope begins at 5.0 m");
     app.admin.get(&format!("{path}/image.png?from_line=300")).await.problem(422, "out-of-range");
     for name in ["from_line", "to_line"] {
         let beyond = format!("{path}/image.png?{name}=9223372036854775808"); // 2^63
@@ -161,6 +165,27 @@ async fn pictures_show_any_range_scaled_and_small_defects_stay_dark() {
     app.admin.get(&format!("{path}/image.png?width=8193")).await.problem(422, "out-of-range");
     app.admin.get(&format!("{path}/image.png?from_line=1&from_m=2")).await.problem(400, "malformed-query");
     app.admin.get(&format!("inspections/{inspection}/views/9/image.png")).await.problem(404, "view-out-of-range");
+}
+
+#[tokio::test]
+async fn a_picture_of_negative_metres_begins_where_the_rope_does() {
+    let app = TestApp::start().await;
+    let rope = app.admin.rope().await;
+    let body = json!({ "rope_id": rope, "line_pitch_mm": 0.1, "sensor_px": SENSOR_PX, "views": [{ "angle_deg": 0.0, "frames": 3 }],
+        "start_m": -12.0 });
+    let id = app.admin.post("acquisitions", body).await.ok(201)["id"].as_str().unwrap().to_owned();
+    for n in 0..3 {
+        app.admin.put_frame(&id, 0, n, crate::app::png(n as u8)).await.ok(201);
+    }
+    app.admin.post(&format!("acquisitions/{id}/completion"), json!({})).await.ok(200);
+    let job = app.admin.run(json!({ "kind": "inspect", "acquisition_id": id })).await;
+    let inspection = job["result"]["inspection_id"].as_str().unwrap_or_else(|| panic!("{job}"));
+    let lines = async |to_m: &str| {
+        let path = format!("inspections/{inspection}/views/0/image.png?from_m=-12.050&to_m={to_m}");
+        image::load_from_memory(&app.admin.get(&path).await.bytes).unwrap().height()
+    };
+    // As the event of a defect in the first 5 mm links it, with 5 cm on either side: more than there is.
+    assert_eq!((lines("-11.945").await, lines("-11.996").await), (3 * LINES, 40));
 }
 
 #[tokio::test]

@@ -63,6 +63,32 @@ async fn another_threshold_is_tried_on_past_inspections_without_a_job() {
 }
 
 #[tokio::test]
+async fn a_budget_of_metres_is_one_for_all_inspections_that_are_asked_for() {
+    let app = TestApp::start().await;
+    let (rope, model, first) = app.admin.inspected().await;
+    let acquisition = app.admin.complete_acquisition(&rope).await;
+    let inspect = json!({ "kind": "inspect", "acquisition_id": acquisition, "model_id": model });
+    let second = app.admin.run(inspect).await["result"]["inspection_id"].as_str().unwrap().to_owned();
+    // The first has 9.0 within 25 mm of 293 lines and 5.0 of the other 7, on 20 mm that were inspected; the second one has 1.0 on 30 mm.
+    let scores: Vec<u8> = [1.0_f32; 300].iter().flat_map(|score| score.to_le_bytes()).collect();
+    std::fs::write(app.data.path().join(format!("inspections/{second}/line_scores_view0.f32")), scores).unwrap();
+    let path = format!("models/{model}/threshold-preview");
+    let tried = async |inspections: u32| {
+        app.admin.post(&path, json!({ "reinspect_m_per_100m": 59, "inspections": inspections })).await.ok(200)
+    };
+    let both = tried(2).await;
+    assert_eq!(both["line_score"], json!(5.0), "29.3 mm of 50 are allowed, all 30 are not");
+    let after: Vec<(&Value, i64)> = both["inspections"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|past| (&past["inspection_id"], um(&past["after"]["reinspect_m"])))
+        .collect();
+    assert_eq!(after, [(&json!(second), 0), (&json!(first), 29_300)]);
+    assert_eq!(tried(1).await["line_score"], json!(1.0), "the newest alone");
+}
+
+#[tokio::test]
 async fn a_budget_of_false_defects_finds_its_threshold_by_the_tail_of_intact_rope_and_says_how_sure_that_is() {
     let app = TestApp::start().await;
     let (_, model, _) = app.admin.inspected().await;

@@ -7,4 +7,5 @@ mod details; // the image about a place, and burns in it
 mod lost_lines; // a camera that loses lines
 mod reference; // the fast alignment against the paper's own
 mod simulated_ropes; // folder in, errors out
+mod stuck_columns; // a sensor with columns that say nothing
 mod training; // folders in, a model out

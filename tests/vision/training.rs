@@ -2,7 +2,7 @@
 
 use ropescope::pipeline::acquisition::open_folder;
 use ropescope::pipeline::model_file::{Model, read_report};
-use ropescope::pipeline::progress::Quiet;
+use ropescope::pipeline::progress::{Progress, ProgressReport, Quiet};
 use ropescope::pipeline::source::{Frame, SourceError};
 use ropescope::pipeline::{
     Acquisition, FrameFiles, FrameSource, InspectOptions, PipelineError, TrainOptions, TrainReport, TrainingRange,
@@ -25,6 +25,8 @@ struct Recording {
     acquisition: Acquisition,
     frames: FrameFiles,
     decoded: Mutex<BTreeSet<usize>>,
+    /// A view whose frames are black.
+    dead_view: Option<usize>,
 }
 
 impl Recording {
@@ -32,7 +34,7 @@ impl Recording {
         let folder = tempfile::tempdir().unwrap();
         write_acquisition(&Scene::new(recipe, seed).unwrap(), folder.path(), |_| {}).unwrap();
         let (acquisition, frames) = open_folder(folder.path()).unwrap();
-        Self { folder, acquisition, frames, decoded: Mutex::default() }
+        Self { folder, acquisition, frames, decoded: Mutex::default(), dead_view: None }
     }
 
     fn range<'a>(&'a self, name: &'a str, from_m: Option<f64>, to_m: Option<f64>) -> TrainingRange<'a> {
@@ -67,7 +69,21 @@ impl FrameSource for Recording {
 
     fn load(&self, view: usize, frame: usize) -> Result<Frame, SourceError> {
         self.decoded.lock().unwrap().insert(frame);
-        self.frames.load(view, frame)
+        let mut loaded = self.frames.load(view, frame)?;
+        if self.dead_view == Some(view) {
+            loaded.pixels.fill(0);
+        }
+        Ok(loaded)
+    }
+}
+
+/// Remembers the passes that a training made.
+#[derive(Default)]
+struct Passes(Mutex<BTreeSet<&'static str>>);
+
+impl Progress for Passes {
+    fn report(&self, report: ProgressReport) {
+        self.0.lock().unwrap().insert(report.stage);
     }
 }
 
@@ -146,4 +162,17 @@ fn another_construction_is_refused_by_name_and_nothing_is_written() {
     assert!(error.to_string().contains(words), "{error}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     assert!(other.folder.path().is_dir());
+}
+
+#[test]
+fn a_view_that_shows_nothing_is_named_after_the_first_pass() {
+    let recipe = Recipe { view_angles_deg: vec![30.0, 120.0], ..day() };
+    let recording = Recording { dead_view: Some(1), ..Recording::new(&recipe, 10) };
+    let folder = tempfile::tempdir().unwrap();
+    let (range, passes) = (recording.range("may", None, None), Passes::default());
+    let error = train(&[range], TrainOptions::default(), &folder.path().join("rope.model"), &passes).unwrap_err();
+    assert!(matches!(&error, PipelineError::ViewsGaveTooLittle { views, .. } if views[..] == [(1, 0.0)]), "{error}");
+    let said = error.to_string();
+    assert!(said.starts_with("view 1 gave only 0.00 m") && said.contains("mend the camera, or leave that view out"));
+    assert_eq!(*passes.0.lock().unwrap(), BTreeSet::from(["learn"]));
 }
