@@ -30,11 +30,11 @@ impl Defect {
 
     /// Whether nothing of the wire is left at `x_mm`, `psi_rad` round the wire from its outer side.
     pub fn gap_at(&self, x_mm: f64, psi_rad: f64) -> bool {
-        self.from_gap_mm(x_mm, psi_rad) < -self.face_mm(self.end_at(x_mm), psi_rad)
+        self.past_gap_mm(x_mm, psi_rad) < -self.face_mm(self.end_at(x_mm), psi_rad)
     }
 
     /// Distance to the nearer end of the wire's surface in mm, negative in the gap. The ends are torn, not cut square.
-    fn from_gap_mm(&self, x_mm: f64, psi_rad: f64) -> f64 {
+    fn past_gap_mm(&self, x_mm: f64, psi_rad: f64) -> f64 {
         let half_mm = self.gap_half_mm();
         if half_mm <= 0.0 {
             return f64::INFINITY;
@@ -58,7 +58,7 @@ impl Defect {
 
     /// Changes the coat of the broken wire itself. Returns how much of the defect is there, 0..1.
     pub(super) fn put_on_end(&self, coat: &mut Coat, place: &Place) -> f32 {
-        let past_mm = self.from_gap_mm(place.x_mm, f64::from(place.psi_rad));
+        let past_mm = self.past_gap_mm(place.x_mm, f64::from(place.psi_rad));
         let end = self.end_at(place.x_mm);
         let variety = self.variety as f32;
         if past_mm < 0.0 && self.face_mm(end, f64::from(place.psi_rad)) > 0.0 {
@@ -165,7 +165,7 @@ mod tests {
     #[test]
     fn ends_are_nearly_square_without_variety_and_slanted_or_cupped_with_it() {
         let uneven_mm = |gap: &Defect| {
-            let ends = [-1.0, 0.0, 1.0].map(|psi_rad| gap.from_gap_mm(101.5, psi_rad));
+            let ends = [-1.0, 0.0, 1.0].map(|psi_rad| gap.past_gap_mm(101.5, psi_rad));
             ends.into_iter().fold(f64::MIN, f64::max) - ends.into_iter().fold(f64::MAX, f64::min)
         };
         assert!(gaps(0.0).all(|gap| uneven_mm(&gap) < 0.5 && gap.face_mm(1, 0.0) == 0.0));
@@ -179,7 +179,7 @@ mod tests {
         let mut faces = 0;
         for gap in gaps(1.0) {
             let x_mm = 101.0 - 0.1 * gap.face_mm(1, 0.0) - 0.05;
-            let past_mm = gap.from_gap_mm(x_mm, 0.0);
+            let past_mm = gap.past_gap_mm(x_mm, 0.0);
             if past_mm < 0.0 && !gap.gap_at(x_mm, 0.0) {
                 let (coat, there) = coated(&gap, &place(x_mm, Some(4)));
                 assert!(there == 1.0 && coat.albedo < 0.85 && coat.gloss < 0.3, "{coat:?}");

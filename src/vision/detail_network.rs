@@ -90,7 +90,10 @@ impl DetailNetwork {
             let [log_odds] = result.of(last.of(seen.clone().chain(told.iter().copied())).map(leak).into_iter());
             log_odds
         };
-        Odds { burn: of(&self.of_burn, &[]) - RARER_BURNS, damage: told + of(&self.of_damage, &[told / ODDS, score / SCORE]) }
+        Odds {
+            burn: of(&self.of_burn, &[]) - RARER_BURNS,
+            damage: told + of(&self.of_damage, &[told / ODDS, score / SCORE]),
+        }
     }
 }
 
