@@ -208,9 +208,9 @@ impl<'a> Detection<'a> {
             order.into_iter().enumerate().for_each(|(place, row)| rows[row].rank = Some(place + 1));
             rows
         };
-        let pitch_mm = self.acquisition.line_pitch_mm;
+        let (wires, pitch_mm) = (self.acquisition.rope.wires(), self.acquisition.line_pitch_mm);
         let merged = |builders: Vec<AlarmBuilder>| {
-            merge(builders.into_iter().flat_map(AlarmBuilder::finish).collect(), pitch_mm)
+            merge(builders.into_iter().flat_map(AlarmBuilder::finish).collect(), wires, pitch_mm)
         };
         let defects = merged(self.builders);
         let again = self.again.map(|(_, builders)| beside(merged(builders), &defects));

@@ -87,7 +87,7 @@ impl ScoreCourse {
         let alarms = builder.finish();
         let extents = alarms.iter().map(|a| (a.first_line, a.last_line));
         let reinspect_m = self.metres(lines_to_look_at(extents, self.pitch_mm, first_line));
-        let places = merge(alarms, self.pitch_mm)
+        let places = merge(alarms, usize::MAX, self.pitch_mm)
             .iter()
             .map(|d| Place {
                 first_line: d.first_line(),

@@ -7,7 +7,8 @@ use super::stretch_scores::StretchScores;
 const ALARM_GAP_MM: f64 = 4.0;
 /// Alarms of one strand nearer than this along the rope have one cause.
 const DEFECT_GAP_MM: f64 = 15.0;
-/// Alarms of one wire nearer than this have one cause: on the inner side of its strand nobody sees it.
+/// Alarms of one wire nearer than this have one cause: on the inner side of its strand nobody sees it. So have those of the wires beside it:
+/// where one is missing, what shows may be taken for its neighbour.
 const WIRE_GAP_MM: f64 = 40.0;
 /// Alarms of two views on different strands that are farther apart round the rope have nothing to do with each other: what two cameras see
 /// of one place they tell within some 60 degrees, and opposite cameras see none in common.
@@ -159,9 +160,9 @@ pub fn reach_lines(pitch_mm: f64) -> usize {
     ((ALARM_GAP_MM + WIRE_GAP_MM) / pitch_mm).ceil() as usize
 }
 
-/// Merges alarms into defects: those of one wire from pass to pass, of one strand nearby, and of different views at the same place
-/// of the rope.
-pub fn merge(mut alarms: Vec<Alarm>, pitch_mm: f64) -> Vec<Defect> {
+/// Merges alarms into defects: those of one wire and its neighbours from pass to pass, of one strand nearby, and of different views at the
+/// same place of the rope. A strand has so many wires.
+pub fn merge(mut alarms: Vec<Alarm>, wires: usize, pitch_mm: f64) -> Vec<Defect> {
     alarms.sort_by_key(|a| (a.first_line, a.view));
     let lines = |mm: f64| (mm / pitch_mm).round() as usize;
     let (gap_lines, wire_gap_lines) = (lines(DEFECT_GAP_MM), lines(WIRE_GAP_MM));
@@ -170,7 +171,8 @@ pub fn merge(mut alarms: Vec<Alarm>, pitch_mm: f64) -> Vec<Defect> {
         let near = |a: &Alarm| {
             let apart = alarm.first_line.saturating_sub(a.last_line);
             if a.strand == alarm.strand {
-                apart <= if a.wire == alarm.wire { wire_gap_lines } else { gap_lines }
+                let wires_apart = a.wire.abs_diff(alarm.wire);
+                apart <= if wires_apart.min(wires.abs_diff(wires_apart)) <= 1 { wire_gap_lines } else { gap_lines }
             } else {
                 let one_place = a.signs.apart_rad(&alarm.signs).is_none_or(|apart_rad| apart_rad <= VIEWS_AGREE_RAD);
                 apart <= gap_lines / 3 && a.view != alarm.view && one_place
@@ -212,7 +214,7 @@ mod tests {
     #[test]
     fn one_break_seen_by_two_views_is_one_defect_and_another_strand_far_away_is_not() {
         let alarms = vec![alarm(0, 100, 150, 2, 5.0), alarm(1, 110, 160, 2, 7.0), alarm(0, 5000, 5010, 2, 6.0)];
-        let defects = merge(alarms, 0.1);
+        let defects = merge(alarms, 9, 0.1);
         assert_eq!(defects.len(), 2);
         assert_eq!(defects[0].alarms.len(), 2);
         assert_eq!(defects[0].peak().unwrap().view, 1);
@@ -225,9 +227,9 @@ mod tests {
             let signs = Signs { direction: angle.sin_cos(), ..Signs::default() };
             Alarm { signs, ..alarm(view, 100, 130, strand, 15.0) }
         };
-        assert_eq!(merge(vec![towards(0, 1, 0.2), towards(2, 4, 3.3)], 0.1).len(), 2);
+        assert_eq!(merge(vec![towards(0, 1, 0.2), towards(2, 4, 3.3)], 9, 0.1).len(), 2);
         assert_eq!(
-            merge(vec![towards(0, 1, 0.7), towards(1, 2, 1.0)], 0.1).len(),
+            merge(vec![towards(0, 1, 0.7), towards(1, 2, 1.0)], 9, 0.1).len(),
             1,
             "both see one place between them"
         );
@@ -237,10 +239,12 @@ mod tests {
     fn a_missing_wire_is_one_defect_although_nobody_sees_it_between_its_passes() {
         let of_wire = |first_line, wire| Alarm { wire, ..alarm(0, first_line, first_line + 300, 3, 15.0) };
         let passes = [of_wire(48400, 2), of_wire(49020, 2), of_wire(49680, 2)];
-        assert_eq!(merge(passes.to_vec(), 0.1).len(), 1);
+        assert_eq!(merge(passes.to_vec(), 9, 0.1).len(), 1);
+        // A neighbour may stand for it, also where numbers begin again.
+        assert_eq!(merge(vec![of_wire(48400, 0), of_wire(49020, 8), of_wire(49680, 0)], 9, 0.1).len(), 1);
         // Another wire of the strand that far away is another matter, and so is the same one farther away.
-        assert_eq!(merge(vec![of_wire(48400, 2), of_wire(49020, 5)], 0.1).len(), 2);
-        assert_eq!(merge(vec![of_wire(48400, 2), of_wire(49200, 2)], 0.1).len(), 2);
+        assert_eq!(merge(vec![of_wire(48400, 2), of_wire(49020, 5)], 9, 0.1).len(), 2);
+        assert_eq!(merge(vec![of_wire(48400, 2), of_wire(49200, 2)], 9, 0.1).len(), 2);
     }
 
     #[test]
