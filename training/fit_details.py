@@ -5,16 +5,17 @@
     cargo build --release --examples --bins
     python training/fit_details.py --data DIR --intact ROPE_A:4 --intact ROPE_B:1.6 --out src/vision/detail.weights
 
-Ropes as in training/fit_patches.py, most of them with defects of all kinds, some with burns alone, some with none. Details of their suspects
-(training/patches.rs) show damage or intact rope. It learns two things of them: how far to believe what the patch of a suspect told, from
-all of them; and whether there is a burn, from simulated burns and from intact details, among them those of other cameras, on which burns
-are painted, and what may be taken for one (training/paint.py). Every fifth rope is held back and told every thousand steps.
+Ropes as in training/fit_patches.py, most of them with defects of all kinds, some with burns or gaps alone, some with none. Details of their
+suspects (training/patches.rs) show damage or intact rope. It learns two things of them: how far to believe what the patch of a suspect
+told, from all of them, and from gaps that are painted on intact details, among them those of other cameras (training/paint.py); and whether
+there is a burn, from simulated and painted ones. What may be taken for either is painted, too. Every fifth rope is held back and told every
+thousand steps.
 
 The weights that are shipped were learnt in goes, each from the weights before (--from), beside the patches' network of before: 9,000 steps
 of burns alone and 6,000 of both from 42 and 16 ropes, whose labels missed some damage that other views show; then 6,500 of both without that,
-with 16 intact ropes and painted fibres beside them; then, beside the patches' network as it is, 5,000 with painted gaps from 80 new ropes (48, 12,
-13 and 7 in the order of the options, --first-seed 60000), of which three tenths of the weights before were kept (--keep 0.3): the mean of both
-told more of what was held back than either.
+with 16 intact ropes and painted fibres beside them; then, beside the patches' network as it is, 5,000 smaller ones with painted gaps from 80
+new ropes (48, 12, 13 and 7 in the order of the options, --first-seed 60000), of which three tenths of the weights before were kept (--keep
+0.3): the mean of both told more of what was held back than either.
 """
 
 import numpy as np

@@ -24,8 +24,9 @@ def wire_edges(details):
     half = torch.where(lowest, AT.abs(), torch.full((), 99.0))
     of_side = lambda side: torch.where((AT * side > 4) & (AT * side < 22), half, torch.full((), 99.0)).amin(1)
     left, right = of_side(-1), of_side(1)
-    other = 9 + 7 * torch.rand(len(details))  # where no valley shows on one side, the wire is as wide on both
-    left, right = torch.where(left > 90, torch.where(right > 90, other, right), left), torch.where(right > 90, torch.where(left > 90, other, left), right)
+    either = torch.minimum(left, right)
+    either = torch.where(either > 90, 9 + 7 * torch.rand(len(details)), either)
+    left, right = (torch.where(half > 90, either, half) for half in (left, right))  # where no valley shows on one side, it is as wide on both
     return -left[:, None, None], right[:, None, None]
 
 
@@ -50,11 +51,11 @@ def gap(details, light, sides, chance, log_chance, rough):
     floor = wire * log_chance(0.1, 2.2) * stripes * (1 + 0.15 * rough(13))
     floor = floor * (1 - 0.85 * torch.sigmoid((rough(9) - chance(0.4, 2.5)) * 4))  # old grease
     painted, fine = light, 1 + chance(0, 0.6) * rough(40)
-    for k, beyond in enumerate(past):
+    for beyond in past:
         floor = floor * (1 - chance(0, 0.9) * (chance(0, 1) < 0.4) * torch.exp(-beyond.clamp(min=0) / log_chance(2, 14)))  # in the shadow of an end
         near = torch.exp(-((beyond / log_chance(0.8, 3.0)) ** 2)) * (beyond < 0.5) * on_wire
         painted = painted * (1 + near * chance(-0.7, 0.9))
-    for k, beyond in enumerate(past):  # the torn face
+    for beyond in past:  # the torn face
         shows = torch.where(chance(0, 1) < 0.5, chance(0, 12), torch.zeros(())) * (1 + 0.35 * teeth(14)) * (1 - 0.5 * across**2)
         shows = torch.minimum(shows, 1.6 * half)
         floor = floor + torch.sigmoid((shows - beyond) / 0.4) * (shows > 1) * (wire * chance(0.05, 0.6) * fine.clamp(min=0.1) - floor)

@@ -87,7 +87,7 @@ impl ScoreCourse {
         let alarms = builder.finish();
         let extents = alarms.iter().map(|a| (a.first_line, a.last_line));
         let reinspect_m = self.metres(lines_to_look_at(extents, self.pitch_mm, first_line));
-        let places = merge(alarms, usize::MAX, self.pitch_mm)
+        let places = merge(alarms, usize::MAX, self.pitch_mm) // as many wires as there may be runs
             .iter()
             .map(|d| Place {
                 first_line: d.first_line(),
@@ -192,6 +192,8 @@ impl MetresToLookAt {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     fn course(views: &[&[(f32, usize)]]) -> ScoreCourse {
         let files = views.iter().map(|runs| {
@@ -234,11 +236,8 @@ mod tests {
     #[test]
     fn a_threshold_for_a_budget_keeps_it_as_inspections_judge_and_a_step_lower_does_not() {
         // Scores from -2 to 8, most of them low, with gaps, in runs of up to 40 lines; two camera lines of different lengths.
-        let mut state = 1_u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f32 / (1_u64 << 31) as f32
-        };
+        let mut chance = ChaCha8Rng::seed_from_u64(1);
+        let mut random = || chance.random::<f32>();
         let mut runs = || -> Vec<(f32, usize)> {
             let mut run = || {
                 let lines = 1 + (40.0 * random()) as usize;

@@ -43,7 +43,7 @@ impl Defect {
         let seed = f64::from(self.roughness % 628) / 100.0;
         let torn = 0.25 * (psi_rad + seed + 2.0 * f64::from(end)).sin() + 0.08 * (5.0 * psi_rad + seed).sin();
         let slant = 1.1 * (self.chance(end, 1) - 0.5) * psi_rad;
-        let cup = 1.0 * (self.chance(end, 2) - 0.5) * (psi_rad * psi_rad).min(2.5);
+        let cup = (self.chance(end, 2) - 0.5) * (psi_rad * psi_rad).min(2.5);
         let teeth = 1.2 * self.chance(end, 3) * (self.along_end(end, 4, psi_rad) - 0.5);
         let torn_mm = torn * half_mm.min(0.8) + self.variety * (slant + cup + teeth) * half_mm.min(1.0);
         (x_mm - self.centre_mm).abs() - (half_mm + torn_mm).max(0.15)

@@ -10,8 +10,8 @@ const DEFECT_GAP_MM: f64 = 15.0;
 /// Alarms of one wire nearer than this have one cause: on the inner side of its strand nobody sees it. So have those of the wires beside it:
 /// where one is missing, what shows may be taken for its neighbour.
 const WIRE_GAP_MM: f64 = 40.0;
-/// Alarms of two views on different strands that are farther apart round the rope have nothing to do with each other: what two cameras see
-/// of one place they tell within some 60 degrees, and opposite cameras see none in common.
+/// Alarms of two views on different strands that are farther apart round the rope have nothing to do with each other. A choice: half way
+/// between one place, which two cameras tell of alike, and opposite sides, which no two cameras share.
 const VIEWS_AGREE_RAD: f64 = std::f64::consts::FRAC_PI_2;
 
 /// A run of lines of one view over the threshold.
