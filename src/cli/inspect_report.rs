@@ -205,13 +205,14 @@ fn write_places(f: &mut fmt::Formatter<'_>, defects: &[DefectRow], file: &str) -
         let views: Vec<String> = views.iter().map(usize::to_string).collect();
         writeln!(
             f,
-            "  {:>4}      metre {:.3} to {:.3}{}{}, seen by view {}, score {:.2}{}",
+            "  {:>4}      metre {:.3} to {:.3}{}{}, seen by {} {}; score {:.2}{}",
             d.id,
             d.from_m,
             d.to_m,
             part("strand", d.strand),
             part("wire", d.wire),
-            views.join(" "),
+            if views.len() == 1 { "view" } else { "views" },
+            views.join(", "),
             d.peak_score,
             d.suggestion.as_ref().map_or_else(String::new, |s| format!(", {}: {}", kind_in_words(s.kind), s.why))
         )?;

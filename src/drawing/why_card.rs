@@ -9,6 +9,7 @@ use crate::pipeline::results::AlarmRow;
 use crate::vision::image::GrayImage;
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
+use std::borrow::Cow;
 
 const PAPER: Colour = [250, 250, 248];
 const INK: Colour = [40, 44, 52];
@@ -33,18 +34,26 @@ const PATCH: i64 = (WIDTH - 2 * MARGIN - 2 * GAP) / 3;
 /// Highest patch: beyond this it is made smaller instead.
 const MAX_PATCH: i64 = 460;
 const PLOT_HEIGHT: i64 = 250;
+/// From one line of text to the next.
+const HEADING_ROW: i64 = 24;
+const BODY_ROW: i64 = 22;
 const PLOT_WIDTH: i64 = (WIDTH - 2 * MARGIN - GAP) / 2;
 
 /// Draws the card of an alarm.
 pub fn draw(captions: &Captions, closeup: &Closeup, alarm: &AlarmRow) -> RgbImage {
     let layout = Layout::new(closeup);
-    let head = MARGIN + 34 + 22 * captions.facts.len() as i64 + 16;
+    let (title, facts) = (broken(&captions.title, Size::Heading), captions.facts.iter());
+    let facts: Vec<_> = facts.flat_map(|fact| broken(fact, Size::Body)).collect();
+    let below_title = MARGIN - 6 + HEADING_ROW * title.len() as i64 + 8;
+    let head = below_title + BODY_ROW * facts.len() as i64 + 16;
     let plots = head + 24 + layout.height + 44;
     let height = plots + 30 + PLOT_HEIGHT + MARGIN / 2;
     let mut canvas = Canvas::new(WIDTH as u32, height as u32, PAPER);
-    canvas.text(MARGIN, MARGIN - 6, Size::Heading, INK, &captions.title);
-    for (row, fact) in (0..).zip(&captions.facts) {
-        canvas.text(MARGIN, MARGIN + 26 + 22 * row, Size::Body, FAINT, fact);
+    for (row, title) in (0..).zip(&title) {
+        canvas.text(MARGIN, MARGIN - 6 + HEADING_ROW * row, Size::Heading, INK, title);
+    }
+    for (row, fact) in (0..).zip(&facts) {
+        canvas.text(MARGIN, below_title + BODY_ROW * row, Size::Body, FAINT, fact);
     }
     let mut x = MARGIN;
     let mut patch = |title: &str, patch: &GrayImage, colour: fn(u8) -> Colour| {
@@ -69,6 +78,12 @@ pub fn draw(captions: &Captions, closeup: &Closeup, alarm: &AlarmRow) -> RgbImag
     let alarmed = (mm_of(alarm.first_column), mm_of(alarm.last_column + 1));
     profile(&mut canvas, right, &PLOT, &closeup.across, alarmed, "across the wires at the peak, mm from the rope axis");
     canvas.0
+}
+
+/// A text in lines that the sheet is wide enough for.
+fn broken(text: &str, size: Size) -> Vec<Cow<'_, str>> {
+    let letters = (WIDTH - 2 * MARGIN) / size.width(" ");
+    textwrap::wrap(text, textwrap::Options::new(letters as usize).subsequent_indent("  "))
 }
 
 fn legend(canvas: &mut Canvas, y: i64) {
@@ -143,5 +158,22 @@ impl Layout {
         let dots = (mm * self.dots_per_mm) as i64;
         canvas.fill(x, y + 6, dots, 3, INK);
         canvas.text(x + dots + 10, y, Size::Body, FAINT, &format!("{mm} mm; rope metres run to the right"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn however_much_is_said_it_stays_on_the_sheet() {
+        let fact = "further alarms: 18.3 in view 2, 17.9 in view 0, ".repeat(9) + &"w".repeat(300);
+        for size in [Size::Body, Size::Heading] {
+            let lines = broken(&fact, size);
+            assert!(lines.len() > 3 && lines.iter().all(|line| size.width(line) <= WIDTH - 2 * MARGIN), "{lines:?}");
+            let letters = |text: &str| text.chars().filter(|c| !c.is_whitespace()).count();
+            assert_eq!(lines.iter().map(|line| letters(line)).sum::<usize>(), letters(&fact), "nothing is left out");
+        }
+        assert_eq!(broken("score 9.0 in view 1", Size::Body), ["score 9.0 in view 1"]);
     }
 }
