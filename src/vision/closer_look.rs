@@ -11,6 +11,7 @@ use super::inspection_model::Seen;
 use super::patch::Patch;
 use super::stretch_scores::{Looked, StretchScores};
 use super::surface_map::PLACES_PER_WIRE;
+use std::ops::Range;
 
 /// Score from which on a place is a suspect; what is below stays as it is.
 pub const SUSPECT: f32 = 2.5;
@@ -21,6 +22,8 @@ pub const SEGMENT_BLOCKS: usize = 6;
 /// Score and logarithm of the odds of a patch from which on the image itself is looked at: 99 % of the suspects on simulated burns have these
 /// odds, 92 % both, and 30 % of all suspects of the labelled sample.
 pub const DOUBTFUL: (f32, f32) = (3.0, -4.0);
+/// Blocks to either side of a suspect that a burn which is seen there counts for.
+const BURN_BLOCKS: usize = 3;
 /// Logarithm of the odds at which the closer look begins to count.
 const LEAST_LOG_ODDS: f32 = -3.0;
 
@@ -43,6 +46,16 @@ impl Suspect {
     /// Its wire.
     pub fn wire(&self) -> usize {
         self.place / PLACES_PER_WIRE
+    }
+
+    /// Blocks that what is told of it counts for, among those that are judged, and the least score of their places: those of its segment that
+    /// are as suspicious, or, as factors do not tell how far a burn goes, all that are near.
+    fn counts_for(&self, burn: bool, judged: Range<usize>) -> (Range<usize>, f32) {
+        if burn {
+            let near = self.block.saturating_sub(BURN_BLOCKS)..self.block + BURN_BLOCKS + 1;
+            return (near.start.max(judged.start)..near.end.min(judged.end), f32::NEG_INFINITY);
+        }
+        (self.segment..(self.segment + SEGMENT_BLOCKS).min(judged.end), SUSPECT)
     }
 }
 
@@ -82,7 +95,7 @@ fn adds(log_odds: f32) -> f32 {
     above.max(0.0) + (-above.abs()).exp().ln_1p()
 }
 
-/// Looks at all suspects of a stretch, and adds what it says to the suspicious places of their segments.
+/// Looks at all suspects of a stretch, and adds what it says to the suspicious places of their segments, or to all that are about a burn.
 pub fn look_closer(scores: &mut StretchScores, seen: &Seen, mut details: Details<'_>, strands: usize) {
     let (network, of_details) = (Network::trained(), DetailNetwork::trained());
     let mut patch = Patch::default();
@@ -100,14 +113,14 @@ pub fn look_closer(scores: &mut StretchScores, seen: &Seen, mut details: Details
         }
         let more = adds(told.log_odds);
         let first = suspect.strand * scores.places + suspect.wire() * PLACES_PER_WIRE;
-        let segment = suspect.segment..(suspect.segment + SEGMENT_BLOCKS).min(end);
-        for block in segment.clone() {
+        let (blocks, least) = suspect.counts_for(told.burn, seen.margin_blocks..end);
+        for block in blocks.clone() {
             let places = block * row + first..block * row + first + PLACES_PER_WIRE;
             for (added, cell) in added[places.clone()].iter_mut().zip(&scores.cells[places]) {
-                *added = if *cell >= SUSPECT { more } else { 0.0 };
+                *added = if *cell >= least { more.max(*added) } else { *added };
             }
         }
-        looks.push(Looked { blocks: segment, strand: suspect.strand, added: more, likely: told.likely });
+        looks.push(Looked { blocks, strand: suspect.strand, added: more, likely: told.likely });
     }
     (scores.added, scores.looks) = (added, looks);
 }
@@ -128,12 +141,22 @@ mod tests {
         set(6, 1, 9, 3.0); // the next segment
         set(4, 0, 9, 2.4); // too low
         set(13, 0, 0, f32::NAN);
-        let scores = StretchScores::new(cells, vec![true; blocks * strands * places], strands * places, places, 5);
+        let scores = StretchScores::new(cells, vec![1.0; blocks * strands * places], strands * places, places, 5);
         let found: Vec<_> =
             suspects(&scores, strands, 0).iter().map(|s| (s.block, s.strand, s.place, s.score)).collect();
         assert_eq!(found, [(4, 1, 9, 5.0), (6, 1, 9, 3.0)]);
         let inner = suspects(&scores, strands, 3);
         assert_eq!(inner.iter().map(|s| s.block).collect::<Vec<_>>(), [4], "and none in the margins");
+    }
+
+    #[test]
+    fn what_is_told_counts_for_a_segment_and_of_a_burn_for_what_is_near() {
+        let counts_for = |block: usize, burn: bool| {
+            Suspect { block, strand: 0, place: 0, score: 4.0, segment: 18 }.counts_for(burn, 5..22)
+        };
+        assert_eq!(counts_for(19, false), (18..22, SUSPECT), "no block of the margin");
+        assert_eq!(counts_for(19, true), (16..22, f32::NEG_INFINITY), "factors do not tell how far it goes");
+        assert_eq!(counts_for(6, true).0, 5..10);
     }
 
     #[test]

@@ -16,6 +16,8 @@ pub struct Told {
     pub log_odds: f32,
     /// If it does, which; the sum is 1.
     pub likely: Likely,
+    /// Whether that is a burn, which was seen in the image.
+    pub burn: bool,
 }
 
 /// Channels after every layer.
@@ -74,7 +76,7 @@ impl Network {
         let last = self.last.of(seen).map(leak);
         let [log_odds, ways @ ..] = self.result.of(last.into_iter());
         let [interrupted, protruding, surface] = shares(ways);
-        Told { log_odds, likely: Likely { interrupted, protruding, surface } }
+        Told { log_odds, likely: Likely { interrupted, protruding, surface }, burn: false }
     }
 }
 

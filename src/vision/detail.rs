@@ -7,6 +7,7 @@ use super::appearance::{Appearance, GrayScale};
 use super::evidence::blocks;
 use super::expected_row::ExpectedRow;
 use super::inspection_model::{AlignedView, Beside};
+use super::surface::StrandSpan;
 use super::surface_map::SurfaceMap;
 
 /// Rope between two rows, and between two columns, in mm.
@@ -71,13 +72,20 @@ impl<'a> Part<'a> {
         let line = *self.middles.get(block)?;
         let axis_px = self.aligned.view.axis_px[line];
         let (mut columns, mut slopes, mut pixels) = (0.0, 0.0, 0.0);
-        self.map.for_each(line, axis_px, |point| {
-            if (point.strand, point.place) == (strand, place) {
-                columns += point.column as f32;
-                slopes += point.slope_px;
-                pixels += 1.0;
-            }
-        });
+        self.map.for_each_run_of(
+            line,
+            axis_px,
+            |span| span.strand == strand,
+            |run| {
+                for ((column, &at), &slope_px) in (run.from..).zip(run.places).zip(run.slopes_px) {
+                    if at as usize == place {
+                        columns += column as f32;
+                        slopes += slope_px;
+                        pixels += 1.0;
+                    }
+                }
+            },
+        );
         (pixels > 0.0).then(|| Spot { line, column: columns / pixels, slope_px: slopes / pixels, axis_px })
     }
 }
@@ -118,7 +126,12 @@ impl<'a> Details<'a> {
             if expects != Some(block) {
                 self.expected.fill(f32::NAN);
                 let (row, expected) = (&mut self.row, &mut self.expected);
-                map.for_each_run(middle, aligned.view.axis_px[middle], |run| {
+                // Strands that the detail does not reach from its middle, in whatever row, are left out.
+                let axis_px = aligned.view.axis_px[middle];
+                let reach_px = self.side as f64 * STEP_MM * aligned.camera.px_per_mm;
+                let at_px = f64::from(spot.column + lines_on as f32 * spot.slope_px - spot.axis_px);
+                let shown = |span: &StrandSpan| span.from_px < at_px + reach_px && span.to_px > at_px - reach_px;
+                map.for_each_run_of(middle, axis_px, shown, |run| {
                     row.look_up(self.gray, &run);
                     let n = run.cells.len();
                     expected[run.from..run.from + n].copy_from_slice(&row.expected[..n]);

@@ -70,9 +70,9 @@ impl DetailNetwork {
         let Odds { burn, damage } = self.odds(detail, told.log_odds, score);
         let damage = damage.max(told.log_odds - MOST_AGAINST);
         if burn > damage {
-            return Told { log_odds: burn, likely: Likely::SURFACE };
+            return Told { log_odds: burn, likely: Likely::SURFACE, burn: true };
         }
-        Told { log_odds: damage, likely: told.likely }
+        Told { log_odds: damage, ..told }
     }
 
     fn odds(&self, detail: &[f32], told: f32, score: f32) -> Odds {
@@ -131,7 +131,7 @@ mod tests {
         let detail = vec![0.0; SIDE * SIDE * LAYERS];
         let likely = Likely { interrupted: 1.0, ..Likely::default() };
         for log_odds in [2.0, 12.0, 40.0] {
-            let told = DetailNetwork::trained().look(&detail, Told { log_odds, likely }, 8.0);
+            let told = DetailNetwork::trained().look(&detail, Told { log_odds, likely, burn: false }, 8.0);
             assert!(told.log_odds >= log_odds - MOST_AGAINST && told.log_odds < log_odds + 2.0, "{told:?}");
             assert_eq!(told.likely, likely);
         }

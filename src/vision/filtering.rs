@@ -10,8 +10,12 @@ use std::ops::Range;
 
 /// Places to either side that are summed across: filters are one wire wide.
 const HALF_PLACES: usize = (PLACES_PER_WIRE - 1) / 2;
-/// Reach about a place within which a pixel makes it seen: mm along the rope, and places across, which make 1.4 wires.
+/// Reach about a place within which pixels make it seen: mm along the rope, and places across, which make 1.4 wires.
 const SEEN_WITHIN: (f64, usize) = (4.0, 3);
+/// Share of the pixels that places have which face the camera, from which on a place is seen as well as these.
+const SEEN_WELL: f32 = 0.3;
+/// How well a place is seen that the view hardly sees.
+const HARDLY_SEEN: f32 = 0.25;
 /// Rows of sums are filled up with zeros to a multiple of this, so that loops over them need no remainder.
 pub(super) const TOGETHER: usize = 16;
 /// Thinned out, filters are asked at steps of this share of their length: sums over nearly the same rope say the same.
@@ -119,12 +123,14 @@ impl Evidence {
         }
     }
 
-    /// Whether any pixel fell so near to a place that the place counts as seen, in the order of scores. Where lines were lost, none does.
-    pub fn seen(&self, pitch_mm: f64) -> Vec<bool> {
+    /// How well places are seen, in the order of scores, from 0, where no pixel fell near or lines were lost, to 1, where as many fell near as
+    /// make little difference to a place that faces the camera.
+    pub fn sight(&self, pitch_mm: f64) -> Vec<f32> {
         let half = half_blocks(SEEN_WITHIN.0, self.block_lines as f64 * pitch_mm);
-        let mut seen = vec![false; self.counts.len()];
+        let mut sight = vec![0.0f32; self.counts.len()];
         let mut pixels = Rows::default();
         let mut under = [vec![0.0f32; self.row()], vec![0.0f32; self.row()]];
+        let mut most = 0.0f32;
         for (strand, blocks) in self.passes(2 * half + 1) {
             let about = blocks.start.saturating_sub(half)..(blocks.end + half).min(self.blocks);
             pixels.across::<{ SEEN_WITHIN.1 }>(self, strand, about.clone(), |_, n| n);
@@ -132,13 +138,19 @@ impl Evidence {
             let [one, other] = &mut under;
             for block in about.clone() {
                 window.move_to(block - about.start, &pixels, one, &pixels, other);
-                let lost = self.lost[block];
-                let places = seen[self.of_scores(block, strand)].iter_mut().zip(&*one);
-                places.for_each(|(seen, &n)| *seen = n > 0.0 && !lost);
+                let counts = if self.lost[block] { 0.0 } else { 1.0 };
+                for (sight, &n) in sight[self.of_scores(block, strand)].iter_mut().zip(&*one) {
+                    *sight = counts * n;
+                    most = most.max(n);
+                }
             }
             under.iter_mut().for_each(|row| row.fill(0.0));
         }
-        seen
+        let enough = SEEN_WELL * most;
+        for sight in sight.iter_mut().filter(|n| **n > 0.0) {
+            *sight = HARDLY_SEEN + (1.0 - HARDLY_SEEN) * (*sight / enough).min(1.0);
+        }
+        sight
     }
 
     /// Passes of the strands through the view: a strand, and blocks from the first to the last that shows it. Passes less than `apart`
@@ -237,13 +249,16 @@ mod tests {
     }
 
     #[test]
-    fn a_place_is_seen_when_a_pixel_fell_near_it() {
+    fn a_place_is_seen_when_pixels_fell_near_it_and_the_better_the_more_there_are() {
         let evidence = evidence();
-        let seen = evidence.seen(PITCH_MM);
-        let at = |block: usize, place: usize| seen[evidence.of_scores(block, 0).start + place];
+        let sight = evidence.sight(PITCH_MM);
+        let at = |block: usize, place: usize| sight[evidence.of_scores(block, 0).start + place];
         // Four blocks before the first, three places beside the last; not beyond.
-        assert!(at(16, 0) && at(20, 14) && at(93, 22));
-        assert!(!at(15, 0) && !at(20, 15) && !at(94, 22) && !at(100, 0));
-        assert!((0..BLOCKS).all(|block| seen[evidence.of_scores(block, 1)].iter().all(|seen| !seen)));
+        assert!(at(16, 0) > 0.0 && at(20, 14) > 0.0 && at(93, 22) > 0.0);
+        assert!(at(15, 0) == 0.0 && at(20, 15) == 0.0 && at(94, 22) == 0.0 && at(100, 0) == 0.0);
+        let in_the_middle = at(60, 4);
+        assert!(in_the_middle == 1.0 && at(16, 0) < 0.6, "{in_the_middle} {}", at(16, 0));
+        assert!(sight.iter().all(|&sight| sight == 0.0 || (HARDLY_SEEN..=1.0).contains(&sight)));
+        assert!((0..BLOCKS).all(|block| sight[evidence.of_scores(block, 1)].iter().all(|sight| *sight == 0.0)));
     }
 }

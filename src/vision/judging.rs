@@ -112,7 +112,7 @@ mod tests {
 
     fn stretch(scores: &[f32]) -> StretchScores {
         let cells: Vec<f32> = scores.iter().flat_map(|&score| [0.0, score]).collect();
-        StretchScores::new(cells.clone(), vec![true; cells.len()], 2, 2, 5)
+        StretchScores::new(cells.clone(), vec![1.0; cells.len()], 2, 2, 5)
     }
 
     /// Scores of the first of two views: a single high one, lowered by the blocks about it unless that is left out.

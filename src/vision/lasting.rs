@@ -84,7 +84,7 @@ mod tests {
     /// A stretch with one place whose scores are given, settled as they are.
     fn stretch(scores: Vec<f32>) -> StretchScores {
         StretchScores {
-            seen: vec![true; scores.len()],
+            sight: vec![1.0; scores.len()],
             peaks: vec![(0, 0); scores.len()],
             added: Vec::new(),
             looks: Vec::new(),

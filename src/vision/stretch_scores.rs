@@ -4,7 +4,7 @@ use super::filtering::TOGETHER;
 use super::kind::Likely;
 use std::ops::Range;
 
-/// What another view's score counts where this view sees the place, but too obliquely to judge as well.
+/// What another view's score counts where this view sees the place well, but does not judge it as high.
 const OTHER_VIEW_SHARE: f32 = 0.95;
 /// What a closer look of another view adds to that of this one: two pictures of one place tell more than one, but not twice as much,
 /// for what lies there looks alike in both.
@@ -49,8 +49,8 @@ pub struct StretchScores {
     pub added: Vec<f32>,
     /// What damage was seen by a closer look, along the rope.
     pub looks: Vec<Looked>,
-    /// Whether any pixel of this view fell there, same order.
-    pub seen: Vec<bool>,
+    /// How well this view sees it, from 0 to 1, same order.
+    pub sight: Vec<f32>,
     /// Score of every block: the highest of its places, settled with the blocks about it; NaN where nothing was judged.
     pub blocks: Vec<f32>,
     /// Strand and place where that highest score stands.
@@ -62,10 +62,11 @@ pub struct StretchScores {
 }
 
 impl StretchScores {
-    /// From the scores of cells and whether they are seen, `row` of them a block.
-    pub(super) fn new(cells: Vec<f32>, seen: Vec<bool>, row: usize, places: usize, block_lines: usize) -> Self {
+    /// From the scores of cells and how well they are seen, `row` of them a block.
+    pub(super) fn new(cells: Vec<f32>, sight: Vec<f32>, row: usize, places: usize, block_lines: usize) -> Self {
         let (added, looks) = (Vec::new(), Vec::new());
-        let mut scores = Self { cells, added, looks, seen, blocks: Vec::new(), peaks: Vec::new(), block_lines, places };
+        let mut scores =
+            Self { cells, added, looks, sight, blocks: Vec::new(), peaks: Vec::new(), block_lines, places };
         scores.find_peaks(row);
         scores
     }
@@ -128,7 +129,7 @@ impl StretchScores {
     }
 }
 
-/// Joins what several views say of the same places: each view takes over what another one scores higher, where it sees the
+/// Joins what several views say of the same places: each view takes over what another one scores higher, as far as it sees the
 /// place itself. A break at the edge of one view is often in the middle of the next.
 pub fn join_views(views: &mut [Option<StretchScores>], strands: usize) {
     join_cells(views);
@@ -147,9 +148,9 @@ fn join_cells(views: &mut [Option<StretchScores>]) {
         best.iter_mut().zip(&view.cells).for_each(|(best, &score)| *best = best.max(score)); // takes the number where the other is NaN
     }
     for view in views.iter_mut().flatten() {
-        for ((score, &seen), &best) in view.cells.iter_mut().zip(&view.seen).zip(&best) {
-            if seen && best.is_finite() {
-                *score = score.max(OTHER_VIEW_SHARE * best);
+        for ((score, &sight), &best) in view.cells.iter_mut().zip(&view.sight).zip(&best) {
+            if sight > 0.0 && best.is_finite() {
+                *score = score.max(sight * OTHER_VIEW_SHARE * best);
             }
         }
     }
@@ -165,9 +166,9 @@ fn join_looks(views: &mut [Option<StretchScores>]) {
         }
     }
     for view in views.iter_mut().flatten() {
-        for ((added, &seen), &[first, second]) in view.added.iter_mut().zip(&view.seen).zip(&highest) {
+        for ((added, &sight), &[first, second]) in view.added.iter_mut().zip(&view.sight).zip(&highest) {
             let of_others = if *added == first { second } else { first };
-            *added += if seen { OTHER_LOOK_SHARE * of_others } else { 0.0 };
+            *added += sight * OTHER_LOOK_SHARE * of_others;
         }
     }
 }
@@ -179,7 +180,7 @@ mod tests {
     /// One strand of four places, of which the second has the scores; the others score 0.
     fn stretch(scores: &[f32]) -> StretchScores {
         let cells: Vec<f32> = scores.iter().flat_map(|&score| [0.0, score, 0.0, 0.0]).collect();
-        StretchScores::new(cells.clone(), vec![true; cells.len()], 4, 4, 5)
+        StretchScores::new(cells.clone(), vec![1.0; cells.len()], 4, 4, 5)
     }
 
     #[test]
@@ -196,14 +197,15 @@ mod tests {
     }
 
     #[test]
-    fn a_view_takes_over_what_another_one_scores_higher_where_it_sees_the_place() {
+    fn a_view_takes_over_what_another_one_scores_higher_as_far_as_it_sees_the_place() {
         let (mut low, high) = (stretch(&[1.0; 30]), stretch(&[6.0; 30]));
-        low.seen[4 * 10 + 1] = false;
+        (low.sight[4 * 10 + 1], low.sight[4 * 11 + 1]) = (0.0, 0.25);
         let mut views = [Some(low), None, Some(high)];
         join_views(&mut views, 1);
         let low = views[0].as_ref().unwrap();
         assert_eq!(low.cells[4 * 9 + 1], OTHER_VIEW_SHARE * 6.0);
         assert_eq!(low.cells[4 * 10 + 1], 1.0);
+        assert_eq!(low.cells[4 * 11 + 1], 0.25 * OTHER_VIEW_SHARE * 6.0, "hardly seen, it counts little");
         assert_eq!(views[2].as_ref().unwrap().cells[4 * 9 + 1], 6.0);
     }
 
@@ -212,10 +214,10 @@ mod tests {
         let looked = |added: [f32; 4]| StretchScores { added: added.to_vec(), ..stretch(&[3.0]) };
         let mut views =
             [Some(looked([8.0, 0.0, 4.0, 6.0])), None, Some(looked([2.0, 6.0, 4.0, 0.0])), Some(stretch(&[3.0]))];
-        views[2].as_mut().unwrap().seen[3] = false;
+        (views[2].as_mut().unwrap().sight[3], views[2].as_mut().unwrap().sight[0]) = (0.0, 0.5);
         join_views(&mut views, 1);
         assert_eq!(views[0].as_ref().unwrap().added, [9.0, 3.0, 6.0, 6.0]);
-        assert_eq!(views[2].as_ref().unwrap().added, [6.0, 6.0, 6.0, 0.0], "not where it sees nothing");
+        assert_eq!(views[2].as_ref().unwrap().added, [4.0, 6.0, 6.0, 0.0], "as far as it sees the place");
         assert!(views[3].as_ref().unwrap().added.is_empty(), "nobody looked closer there");
     }
 
@@ -238,7 +240,7 @@ mod tests {
     fn blocks_that_nobody_judged_have_no_score_and_lower_nobody() {
         let mut cells = vec![f32::NAN; 4 * 40];
         cells[..4 * 20].fill(3.0);
-        let scores = StretchScores::new(cells, vec![true; 4 * 40], 4, 4, 5);
+        let scores = StretchScores::new(cells, vec![1.0; 4 * 40], 4, 4, 5);
         assert!(scores.blocks[..20].iter().all(|&score| score == 3.0));
         assert!(scores.blocks[20..].iter().all(|score| score.is_nan()));
         assert!(StretchScores::new(Vec::new(), Vec::new(), 1, 1, 1).blocks.is_empty());

@@ -183,11 +183,25 @@ impl<'a> SurfaceMap<'a> {
     }
 
     /// The same for all pixels of a strand together.
-    pub fn for_each_run(&mut self, line: usize, axis_px: f32, mut each: impl FnMut(Run<'_>)) {
+    pub fn for_each_run(&mut self, line: usize, axis_px: f32, each: impl FnMut(Run<'_>)) {
+        self.for_each_run_of(line, axis_px, |_| true, each);
+    }
+
+    /// The same for the strands that are asked for by what they fill, in columns from the rope axis.
+    pub fn for_each_run_of(
+        &mut self,
+        line: usize,
+        axis_px: f32,
+        asked: impl Fn(&StrandSpan) -> bool,
+        mut each: impl FnMut(Run<'_>),
+    ) {
         self.courses_at(line);
         self.outlines.visible_spans(&self.phases, &mut self.spans);
         for s in 0..self.spans.len() {
             let span = self.spans[s];
+            if !asked(&span) {
+                continue;
+            }
             let filled = wide(
                 #[inline(always)]
                 || self.map_span(span, f64::from(axis_px)),

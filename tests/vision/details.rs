@@ -156,7 +156,7 @@ fn beyond_what_was_recorded_a_detail_is_empty_and_a_place_out_of_view_has_none()
 fn burns_look_burnt_and_intact_rope_does_not() {
     let burnt = burnt();
     let (network, lines) = (DetailNetwork::trained(), burnt.stretches[0].lines);
-    let doubted = Told { log_odds: -3.0, likely: Likely::default() };
+    let doubted = Told { log_odds: -3.0, likely: Likely::default(), burn: false };
     let odds = |line: usize, columns: std::ops::RangeInclusive<usize>| {
         let (stretch, block) = (line / lines, line % lines / 5);
         let mut most = f32::NEG_INFINITY;
