@@ -239,7 +239,7 @@ mod tests {
                 added: Vec::new(),
                 looks: Vec::new(),
                 cells: Vec::new(),
-                sight: Vec::new(),
+                visibility: Vec::new(),
                 peaks: vec![(0, 0); blocks.len()],
                 blocks,
                 block_lines: 5,

@@ -90,7 +90,7 @@ mod tests {
             cells: Vec::new(),
             added: Vec::new(),
             looks: Vec::new(),
-            sight: Vec::new(),
+            visibility: Vec::new(),
             peaks,
             blocks,
             block_lines: 5,

@@ -144,7 +144,7 @@ fn one_block(score: f32, first_line: usize, lines: usize) -> StretchScores {
         cells: Vec::new(),
         added: Vec::new(),
         looks: Vec::new(),
-        sight: Vec::new(),
+        visibility: Vec::new(),
         blocks: vec![score],
         peaks: vec![(0, first_line)],
         block_lines: lines,

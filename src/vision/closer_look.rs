@@ -128,7 +128,7 @@ pub fn look_closer(scores: &mut StretchScores, seen: &Seen, mut details: Details
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::stretch_scores::Sight;
+    use crate::vision::stretch_scores::Visibility;
 
     #[test]
     fn the_highest_place_of_three_millimetres_of_a_wire_is_the_suspect() {
@@ -143,7 +143,7 @@ mod tests {
         set(4, 0, 9, 2.4); // too low
         set(13, 0, 0, f32::NAN);
         let scores =
-            StretchScores::new(cells, vec![Sight::WHOLE; blocks * strands * places], strands * places, places, 5);
+            StretchScores::new(cells, vec![Visibility::WHOLE; blocks * strands * places], strands * places, places, 5);
         let found: Vec<_> =
             suspects(&scores, strands, 0).iter().map(|s| (s.block, s.strand, s.place, s.score)).collect();
         assert_eq!(found, [(4, 1, 9, 5.0), (6, 1, 9, 3.0)]);

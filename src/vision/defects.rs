@@ -253,7 +253,7 @@ mod tests {
             added: Vec::new(),
             looks: Vec::new(),
             cells: Vec::new(),
-            sight: Vec::new(),
+            visibility: Vec::new(),
             peaks: vec![(1, 7); blocks.len()],
             blocks,
             block_lines: 5,

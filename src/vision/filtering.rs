@@ -5,7 +5,7 @@
 
 use super::evidence::{Evidence, FILTERS, UNSEEN};
 use super::filter_rows::{Rows, Window};
-use super::stretch_scores::Sight;
+use super::stretch_scores::Visibility;
 use super::surface_map::PLACES_PER_WIRE;
 use std::ops::Range;
 
@@ -126,7 +126,7 @@ impl Evidence {
 
     /// How well places are seen, in the order of scores, from 0, where no pixel fell near or lines were lost, to 1, where as many fell near as
     /// make little difference to a place that faces the camera.
-    pub fn sight(&self, pitch_mm: f64) -> Vec<Sight> {
+    pub fn visibility(&self, pitch_mm: f64) -> Vec<Visibility> {
         let half = half_blocks(SEEN_WITHIN.0, self.block_lines as f64 * pitch_mm);
         let mut near = vec![0.0f32; self.counts.len()];
         let mut pixels = Rows::default();
@@ -149,7 +149,7 @@ impl Evidence {
         }
         let enough = SEEN_WELL * most;
         let share = |n: f32| if n > 0.0 { HARDLY_SEEN + (1.0 - HARDLY_SEEN) * (n / enough).min(1.0) } else { 0.0 };
-        near.into_iter().map(|n| Sight::new(share(n))).collect()
+        near.into_iter().map(|n| Visibility::new(share(n))).collect()
     }
 
     /// Passes of the strands through the view: a strand, and blocks from the first to the last that shows it. Passes less than `apart`
@@ -250,19 +250,23 @@ mod tests {
     #[test]
     fn a_place_is_seen_when_pixels_fell_near_it_and_the_better_the_more_there_are() {
         let evidence = evidence();
-        let sight = evidence.sight(PITCH_MM);
-        let at = |block: usize, place: usize| sight[evidence.of_scores(block, 0).start + place].share();
+        let visibility = evidence.visibility(PITCH_MM);
+        let at = |block: usize, place: usize| visibility[evidence.of_scores(block, 0).start + place].share();
         // Four blocks before the first, three places beside the last; not beyond.
         assert!(at(16, 0) > 0.0 && at(20, 14) > 0.0 && at(93, 22) > 0.0);
         assert!(at(15, 0) == 0.0 && at(20, 15) == 0.0 && at(94, 22) == 0.0 && at(100, 0) == 0.0);
         let in_the_middle = at(60, 4);
         assert!(in_the_middle == 1.0 && at(16, 0) < 0.6, "{in_the_middle} {}", at(16, 0));
         assert!(
-            sight
+            visibility
                 .iter()
-                .map(|sight| sight.share())
+                .map(|visibility| visibility.share())
                 .all(|share| share == 0.0 || (HARDLY_SEEN - 0.01..=1.0).contains(&share))
         );
-        assert!((0..BLOCKS).all(|block| sight[evidence.of_scores(block, 1)].iter().all(|sight| sight.share() == 0.0)));
+        assert!(
+            (0..BLOCKS).all(|block| visibility[evidence.of_scores(block, 1)]
+                .iter()
+                .all(|visibility| visibility.share() == 0.0))
+        );
     }
 }

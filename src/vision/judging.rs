@@ -108,12 +108,12 @@ mod tests {
     use crate::vision::appearance::Appearance;
     use crate::vision::bandwidths::Bandwidths;
     use crate::vision::histogram::Histogram;
-    use crate::vision::stretch_scores::Sight;
+    use crate::vision::stretch_scores::Visibility;
     use crate::vision::usual::Moments;
 
     fn stretch(scores: &[f32]) -> StretchScores {
         let cells: Vec<f32> = scores.iter().flat_map(|&score| [0.0, score]).collect();
-        StretchScores::new(cells.clone(), vec![Sight::WHOLE; cells.len()], 2, 2, 5)
+        StretchScores::new(cells.clone(), vec![Visibility::WHOLE; cells.len()], 2, 2, 5)
     }
 
     /// Scores of the first of two views: a single high one, lowered by the blocks about it unless that is left out.

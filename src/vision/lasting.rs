@@ -78,14 +78,14 @@ fn means(scores: &[f32], cut: f32, block_mm: f64) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::stretch_scores::Sight;
+    use crate::vision::stretch_scores::Visibility;
 
     const BLOCK_MM: f64 = 0.5;
 
     /// A stretch with one place whose scores are given, settled as they are.
     fn stretch(scores: Vec<f32>) -> StretchScores {
         StretchScores {
-            sight: vec![Sight::WHOLE; scores.len()],
+            visibility: vec![Visibility::WHOLE; scores.len()],
             peaks: vec![(0, 0); scores.len()],
             added: Vec::new(),
             looks: Vec::new(),

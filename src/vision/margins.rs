@@ -94,7 +94,7 @@ impl StretchScores {
         }
         cut(&mut self.cells, margin_blocks * row);
         cut(&mut self.added, margin_blocks * row);
-        cut(&mut self.sight, margin_blocks * row);
+        cut(&mut self.visibility, margin_blocks * row);
         cut(&mut self.blocks, margin_blocks);
         cut(&mut self.peaks, margin_blocks);
     }
@@ -103,7 +103,7 @@ impl StretchScores {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::vision::stretch_scores::Sight;
+    use crate::vision::stretch_scores::Visibility;
     use crate::vision::surface_map::PLACES_PER_WIRE;
     use crate::vision::unrolled::{FINE_PER_WIRE, GraySums};
 
@@ -161,10 +161,13 @@ pub(crate) mod tests {
     fn without_margins_the_stretch_is_left() {
         let blocks = 2 * MARGIN_BLOCKS + 3;
         let cells: Vec<f32> = (0..2 * blocks).map(|at| at as f32).collect();
-        let mut scores = StretchScores::new(cells, vec![Sight::WHOLE; 2 * blocks], 2, 1, 5);
+        let mut scores = StretchScores::new(cells, vec![Visibility::WHOLE; 2 * blocks], 2, 1, 5);
         scores.cut_margins(MARGIN_BLOCKS);
         let first = 2.0 * MARGIN_BLOCKS as f32;
         assert_eq!(scores.cells, (0..6).map(|at| first + at as f32).collect::<Vec<_>>());
-        assert_eq!((scores.blocks.len(), scores.peaks.len(), scores.sight.len(), scores.added.len()), (3, 3, 6, 0));
+        assert_eq!(
+            (scores.blocks.len(), scores.peaks.len(), scores.visibility.len(), scores.added.len()),
+            (3, 3, 6, 0)
+        );
     }
 }

@@ -56,7 +56,7 @@ pub fn mean_scores(
             }
         }
     });
-    StretchScores::new(cells, evidence.sight(pitch_mm), row, evidence.places, evidence.block_lines)
+    StretchScores::new(cells, evidence.visibility(pitch_mm), row, evidence.places, evidence.block_lines)
 }
 
 #[cfg(test)]

@@ -131,7 +131,7 @@ pub fn score(factors: &[Weighed<'_>], pitch_mm: f64) -> StretchScores {
             *to = if first.regions[at] == UNSEEN { f32::NAN } else { found[at] };
         }
     }
-    StretchScores::new(scored, first.sight(pitch_mm), row, first.places, first.block_lines)
+    StretchScores::new(scored, first.visibility(pitch_mm), row, first.places, first.block_lines)
 }
 
 #[cfg(test)]

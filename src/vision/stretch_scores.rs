@@ -29,9 +29,9 @@ fn settled(blocks: &[f32]) -> Vec<f32> {
 
 /// How well a view sees a place: in a byte, for there are millions while thresholds are sought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
-pub struct Sight(u8);
+pub struct Visibility(u8);
 
-impl Sight {
+impl Visibility {
     /// As well as a place that faces the camera.
     pub const WHOLE: Self = Self(u8::MAX);
 
@@ -69,7 +69,7 @@ pub struct StretchScores {
     /// What damage was seen by a closer look, along the rope.
     pub looks: Vec<Looked>,
     /// How well this view sees it, same order.
-    pub sight: Vec<Sight>,
+    pub visibility: Vec<Visibility>,
     /// Score of every block: the highest of its places, settled with the blocks about it; NaN where nothing was judged.
     pub blocks: Vec<f32>,
     /// Strand and place where that highest score stands.
@@ -82,10 +82,16 @@ pub struct StretchScores {
 
 impl StretchScores {
     /// From the scores of cells and how well they are seen, `row` of them a block.
-    pub(super) fn new(cells: Vec<f32>, sight: Vec<Sight>, row: usize, places: usize, block_lines: usize) -> Self {
+    pub(super) fn new(
+        cells: Vec<f32>,
+        visibility: Vec<Visibility>,
+        row: usize,
+        places: usize,
+        block_lines: usize,
+    ) -> Self {
         let (added, looks) = (Vec::new(), Vec::new());
         let mut scores =
-            Self { cells, added, looks, sight, blocks: Vec::new(), peaks: Vec::new(), block_lines, places };
+            Self { cells, added, looks, visibility, blocks: Vec::new(), peaks: Vec::new(), block_lines, places };
         scores.find_peaks(row);
         scores
     }
@@ -167,9 +173,9 @@ fn join_cells(views: &mut [Option<StretchScores>]) {
         best.iter_mut().zip(&view.cells).for_each(|(best, &score)| *best = best.max(score)); // takes the number where the other is NaN
     }
     for view in views.iter_mut().flatten() {
-        for ((score, &sight), &best) in view.cells.iter_mut().zip(&view.sight).zip(&best) {
-            if sight > Sight::new(0.0) && best.is_finite() {
-                *score = score.max(sight.share() * OTHER_VIEW_SHARE * best);
+        for ((score, &visibility), &best) in view.cells.iter_mut().zip(&view.visibility).zip(&best) {
+            if visibility > Visibility::new(0.0) && best.is_finite() {
+                *score = score.max(visibility.share() * OTHER_VIEW_SHARE * best);
             }
         }
     }
@@ -185,9 +191,9 @@ fn join_looks(views: &mut [Option<StretchScores>]) {
         }
     }
     for view in views.iter_mut().flatten() {
-        for ((added, &sight), &[first, second]) in view.added.iter_mut().zip(&view.sight).zip(&highest) {
+        for ((added, &visibility), &[first, second]) in view.added.iter_mut().zip(&view.visibility).zip(&highest) {
             let of_others = if *added == first { second } else { first };
-            *added += sight.share() * OTHER_LOOK_SHARE * of_others;
+            *added += visibility.share() * OTHER_LOOK_SHARE * of_others;
         }
     }
 }
@@ -199,7 +205,7 @@ mod tests {
     /// One strand of four places, of which the second has the scores; the others score 0.
     fn stretch(scores: &[f32]) -> StretchScores {
         let cells: Vec<f32> = scores.iter().flat_map(|&score| [0.0, score, 0.0, 0.0]).collect();
-        StretchScores::new(cells.clone(), vec![Sight::WHOLE; cells.len()], 4, 4, 5)
+        StretchScores::new(cells.clone(), vec![Visibility::WHOLE; cells.len()], 4, 4, 5)
     }
 
     #[test]
@@ -218,7 +224,7 @@ mod tests {
     #[test]
     fn a_view_takes_over_what_another_one_scores_higher_as_far_as_it_sees_the_place() {
         let (mut low, high) = (stretch(&[1.0; 30]), stretch(&[6.0; 30]));
-        (low.sight[4 * 10 + 1], low.sight[4 * 11 + 1]) = (Sight::new(0.0), Sight::new(0.2));
+        (low.visibility[4 * 10 + 1], low.visibility[4 * 11 + 1]) = (Visibility::new(0.0), Visibility::new(0.2));
         let mut views = [Some(low), None, Some(high)];
         join_views(&mut views, 1);
         let low = views[0].as_ref().unwrap();
@@ -233,8 +239,8 @@ mod tests {
         let looked = |added: [f32; 4]| StretchScores { added: added.to_vec(), ..stretch(&[3.0]) };
         let mut views =
             [Some(looked([8.0, 0.0, 4.0, 6.0])), None, Some(looked([2.0, 6.0, 4.0, 0.0])), Some(stretch(&[3.0]))];
-        let sight = &mut views[2].as_mut().unwrap().sight;
-        (sight[0], sight[3]) = (Sight::new(0.6), Sight::new(0.0));
+        let visibility = &mut views[2].as_mut().unwrap().visibility;
+        (visibility[0], visibility[3]) = (Visibility::new(0.6), Visibility::new(0.0));
         join_views(&mut views, 1);
         assert_eq!(views[0].as_ref().unwrap().added, [9.0, 3.0, 6.0, 6.0]);
         assert_eq!(views[2].as_ref().unwrap().added, [2.0 + 0.6 * 4.0, 6.0, 6.0, 0.0], "as far as it sees the place");
@@ -260,7 +266,7 @@ mod tests {
     fn blocks_that_nobody_judged_have_no_score_and_lower_nobody() {
         let mut cells = vec![f32::NAN; 4 * 40];
         cells[..4 * 20].fill(3.0);
-        let scores = StretchScores::new(cells, vec![Sight::WHOLE; 4 * 40], 4, 4, 5);
+        let scores = StretchScores::new(cells, vec![Visibility::WHOLE; 4 * 40], 4, 4, 5);
         assert!(scores.blocks[..20].iter().all(|&score| score == 3.0));
         assert!(scores.blocks[20..].iter().all(|score| score.is_nan()));
         assert!(StretchScores::new(Vec::new(), Vec::new(), 1, 1, 1).blocks.is_empty());
