@@ -117,7 +117,9 @@ pub fn look_closer(scores: &mut StretchScores, seen: &Seen, mut details: Details
         for block in blocks.clone() {
             let places = block * row + first..block * row + first + PLACES_PER_WIRE;
             for (added, cell) in added[places.clone()].iter_mut().zip(&scores.cells[places]) {
-                *added = if *cell >= least { more.max(*added) } else { *added };
+                if *cell >= least {
+                    *added = more.max(*added);
+                }
             }
         }
         looks.push(Looked { blocks, strand: suspect.strand, added: more, likely: told.likely });

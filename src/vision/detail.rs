@@ -126,7 +126,7 @@ impl<'a> Details<'a> {
             if expects != Some(block) {
                 self.expected.fill(f32::NAN);
                 let (row, expected) = (&mut self.row, &mut self.expected);
-                // Strands that the detail does not reach from its middle, in whatever row, are left out.
+                // Strands that no row of the detail reaches are left out.
                 let axis_px = aligned.view.axis_px[middle];
                 let reach_px = self.side as f64 * STEP_MM * aligned.camera.px_per_mm;
                 let at_px = f64::from(spot.column + lines_on as f32 * spot.slope_px - spot.axis_px);

@@ -139,10 +139,9 @@ impl Evidence {
             let [one, other] = &mut under;
             for block in about.clone() {
                 window.move_to(block - about.start, &pixels, one, &pixels, other);
-                let counts = if self.lost[block] { 0.0 } else { 1.0 };
-                for (near, &n) in near[self.of_scores(block, strand)].iter_mut().zip(&*one) {
-                    *near = counts * n;
-                    most = most.max(n);
+                most = one.iter().copied().fold(most, f32::max);
+                if !self.lost[block] {
+                    near[self.of_scores(block, strand)].copy_from_slice(&one[..self.places]);
                 }
             }
             under.iter_mut().for_each(|row| row.fill(0.0));
