@@ -76,8 +76,6 @@ pub(super) struct Findings {
     pub defects: Vec<DefectRow>,
     /// Places to look at again, along the rope; `None` without a second level.
     pub look_again: Option<Vec<DefectRow>>,
-    /// The line scores, to be written.
-    pub line_scores: LineValues,
     /// Whether the model fits the rope; `None` if it does not know how intact rope scores.
     pub fit: Option<ModelFit>,
 }
@@ -200,8 +198,8 @@ impl<'a> Detection<'a> {
         self.so_far.look(self.acquisition, &self.builders, next_line)
     }
 
-    /// What was found on the whole rope.
-    pub fn finish(self) -> Findings {
+    /// What was found on the whole rope, and the scores of its lines.
+    pub fn finish(self) -> (Findings, LineValues) {
         let ranked = |mut rows: Vec<DefectRow>| {
             let mut order: Vec<usize> = (0..rows.len()).collect();
             order.sort_by(|&a, &b| rows[b].peak_score.total_cmp(&rows[a].peak_score).then(a.cmp(&b)));
@@ -220,12 +218,12 @@ impl<'a> Detection<'a> {
             ranked(places.map(|place| DefectRow { level: Level::LookAgain, ..place }).collect())
         });
         let report = &self.model.report;
-        Findings {
+        let findings = Findings {
             defects: ranked(defects.iter().enumerate().map(row).collect()),
             look_again: again,
             fit: report.budget.as_ref().map(|budget| self.intact.fit(budget, &report.intact)),
-            line_scores: self.line_scores,
-        }
+        };
+        (findings, self.line_scores)
     }
 }
 

@@ -114,17 +114,21 @@ pub fn inspect(
     }
     let total_m = reader.lines() as f64 * acquisition.line_pitch_mm / 1000.0;
     lay_lengths.finish()?;
-    displacement.write_csv("displacement.csv", "view,line,displacement_px", true, 3)?;
     if let Some(maps) = maps {
         maps.finish()?;
     }
+    let (found, line_scores) = detection.map(Detection::finish).unzip();
+    let (displacement, line_scores) = rayon::join(
+        || displacement.write_csv("displacement.csv", "view,line,displacement_px", true, 3),
+        || match (line_scores, options.line_scores) {
+            (Some(scores), LineScoreFormat::Csv) => scores.write_csv("line_scores.csv", "view,line,score", false, 4),
+            (Some(scores), LineScoreFormat::Binary) => scores.write_binary("line_scores"),
+            (None, _) => Ok(()),
+        },
+    );
+    displacement.and(line_scores)?;
     let (mut defects, mut look_again, mut fit) = (None, None, None);
-    if let Some(detection) = detection {
-        let found = detection.finish();
-        match options.line_scores {
-            LineScoreFormat::Csv => found.line_scores.write_csv("line_scores.csv", "view,line,score", false, 4)?,
-            LineScoreFormat::Binary => found.line_scores.write_binary("line_scores")?,
-        }
+    if let Some(found) = found {
         write_json(&results_folder.join("defects.json"), &found.defects)?;
         if let Some(again) = &found.look_again {
             write_json(&results_folder.join("look_again.json"), again)?;

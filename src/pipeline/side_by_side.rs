@@ -43,8 +43,8 @@ pub fn judge_all(
     })?;
     for (judge, mut detection) in judges.iter().zip(detections) {
         detection.take_last(false)?;
-        let found = detection.finish();
-        found.line_scores.write_binary("line_scores")?;
+        let (found, line_scores) = detection.finish();
+        line_scores.write_binary("line_scores")?;
         write_json(&judge.results.join("defects.json"), &found.defects)?;
         let decided = serde_json::json!({ "lines": reader.lines(), "threshold": judge.model.report.decides_by(None) });
         write_json(&judge.results.join("summary.json"), &decided)?;

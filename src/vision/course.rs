@@ -19,6 +19,9 @@ pub(super) trait Spread: std::fmt::Debug + Send + Sync {
         encoder: Option<&EncoderCourse>,
     ) -> (f64, DVector<f64>);
 
+    /// Variance of the phase of a part at every knot.
+    fn variances(&self, part: usize, encoder: Option<&EncoderCourse>) -> Vec<f64>;
+
     /// Covariance of the phases of a part at some knots, were the encoder's error known.
     fn covariance(&self, part: usize, knots: &[usize]) -> DMatrix<f64>;
 }
@@ -74,6 +77,11 @@ impl Course {
     /// Variance of the phase at a knot in rad^2.
     pub fn phase_variance(&self, knot: usize) -> f64 {
         Self::mean_variance(&[self], knot, &[1.0])
+    }
+
+    /// The same at every knot, for little more than at one.
+    pub fn phase_variances(&self) -> Vec<f64> {
+        self.chain.variances(self.part, self.encoder.as_deref())
     }
 
     /// Covariance of the phases at some knots in rad^2, but for the encoder's error, which is the same for all courses.

@@ -73,6 +73,16 @@ fn nodes_of(knots: usize) -> usize {
     knots.saturating_sub(1) / KNOTS_PER_NODE + 2
 }
 
+/// Share that a node has in the course at a knot.
+fn share_of(number: usize, knot: usize) -> f64 {
+    let (before, share) = node(knot);
+    match number.checked_sub(before) {
+        Some(0) => 1.0 - share,
+        Some(1) => share,
+        _ => 0.0,
+    }
+}
+
 /// The course through nodes at a knot.
 fn along(nodes_mm: &DVector<f64>, knot: usize) -> f64 {
     let (before, share) = node(knot);
@@ -91,10 +101,9 @@ impl EncoderCourse {
                 let of_knots: Vec<(f64, f64)> = (0..knots).map(|knot| chain.of_encoder(knot)).collect();
                 let mut information = DMatrix::zeros(nodes, nodes);
                 for column in 0..nodes {
-                    let unit = DVector::from_fn(nodes, |row, _| if row == column { 1.0 } else { 0.0 });
-                    let change = chain.change(|knot| along(&unit, knot));
+                    let change = chain.change(|knot| share_of(column, knot));
                     let left =
-                        |knot: usize| of_knots[knot].0 * along(&unit, knot) + chain.taken_away(knot, &change[knot]);
+                        |knot: usize| of_knots[knot].0 * share_of(column, knot) + chain.taken_away(knot, &change[knot]);
                     information.set_column(column, &at_nodes(knots, left));
                 }
                 (information, at_nodes(knots, |knot| of_knots[knot].1))
@@ -138,6 +147,11 @@ impl EncoderCourse {
     /// Sums of what belongs to knots, at the nodes on either side.
     pub fn at_nodes(&self, of_knot: impl Fn(usize) -> f64) -> DVector<f64> {
         at_nodes(self.knots, of_knot)
+    }
+
+    /// What `of_node` says of every node, told the share that this one has in the error at a knot.
+    pub fn each_node<T>(&self, mut of_node: impl FnMut(&dyn Fn(usize) -> f64) -> T) -> Vec<T> {
+        (0..self.nodes_mm.len()).map(|number| of_node(&|knot| share_of(number, knot))).collect()
     }
 
     /// Variance of a sum over the nodes.
@@ -241,6 +255,8 @@ mod tests {
         let all: Vec<&Course> = strands.iter().collect();
         let sd = Course::mean_slope_variance(&all, knots.clone()).sqrt();
         assert!((slope - xy / xx).abs() < 3.0 * sd, "{slope} instead of {}, sd {sd}", xy / xx);
+        let at_every_knot = strands[0].phase_variances();
+        assert!((0..KNOTS).all(|k| (at_every_knot[k] / strands[0].phase_variance(k) - 1.0).abs() < 1e-6));
         // What all share does not average out: six strands are less certain than six that know nothing of each other.
         let alone = strands[0].slope_variance(knots).sqrt() / 6f64.sqrt();
         assert!(sd > 1.04 * alone, "{sd} and {alone}");

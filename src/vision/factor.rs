@@ -4,6 +4,8 @@
 //! look at changes along a wire and across it, and are judged as the paper judges gray: by how likely they are on intact rope at
 //! that surface point.
 
+use super::wide::wide;
+
 /// A further factor of the appearance model, judged by how far it is above what is expected.
 ///
 /// Long weak damage moves grain and shading of many places a little. Their deviations with sign add up to more than their
@@ -71,13 +73,18 @@ impl Factor {
 }
 
 fn scale_each(values: &mut [f32], scaled: impl Fn(f32) -> f32) {
-    for value in values {
-        *value = if value.is_nan() { f32::NAN } else { scaled(*value).clamp(-MOST, MOST) };
-    }
+    wide(
+        #[inline(always)]
+        || {
+            for value in values {
+                *value = if value.is_nan() { f32::NAN } else { scaled(*value).clamp(-MOST, MOST) };
+            }
+        },
+    );
 }
 
 /// Natural logarithm of a positive number to some 1e-7, without a call.
-#[inline]
+#[inline(always)]
 fn logarithm(value: f32) -> f32 {
     /// Bits of the root of 1/2.
     const LEAST: u32 = 0x3f35_04f3;

@@ -7,6 +7,7 @@ use super::evidence::{Evidence, FILTERS, UNSEEN};
 use super::filter_rows::{Rows, Window};
 use super::stretch_scores::Visibility;
 use super::surface_map::PLACES_PER_WIRE;
+use super::wide::wide;
 use std::ops::Range;
 
 /// Places to either side that are summed across: filters are one wire wide.
@@ -148,7 +149,10 @@ impl Evidence {
         }
         let enough = SEEN_WELL * most;
         let share = |n: f32| if n > 0.0 { HARDLY_SEEN + (1.0 - HARDLY_SEEN) * (n / enough).min(1.0) } else { 0.0 };
-        near.into_iter().map(|n| Visibility::new(share(n))).collect()
+        wide(
+            #[inline(always)]
+            || near.into_iter().map(|n| Visibility::new(share(n))).collect(),
+        )
     }
 
     /// Passes of the strands through the view: a strand, and blocks from the first to the last that shows it. Passes less than `apart`

@@ -3,6 +3,8 @@
 //! Pits and scratches are some tenths of a millimetre large. Comparing pixels on the wire's own course sees them where blocks of
 //! the unrolled rope are too coarse. A little averaging comes first: noise of the sensor is not grain.
 
+use super::wide::wide;
+
 /// Distance along the wire over which pixels are compared in mm.
 const ALONG_MM: f64 = 0.3;
 
@@ -35,14 +37,20 @@ impl Grain {
         let at = line % self.averaged.len();
         let averaged = &mut self.averaged[at];
         let inner = grays.len().saturating_sub(2);
-        let inside = averaged[1..].iter_mut().zip(&mut self.last[1..]).take(inner);
-        for ((averaged, last), gray) in inside.zip(grays.windows(3)) {
-            let here = (gray[0] + gray[1] + gray[2]) / 3.0;
-            *averaged = (here + if line == 0 { here } else { *last }) / 2.0;
-            *last = here;
-        }
-        let changes = averaged.iter().zip(averaged.iter().skip(2)).map(|(left, right)| right - left);
-        self.sideways[at].iter_mut().skip(1).zip(changes).for_each(|(to, change)| *to = change);
+        let sideways = &mut self.sideways[at];
+        wide(
+            #[inline(always)]
+            || {
+                let inside = averaged[1..].iter_mut().zip(&mut self.last[1..]).take(inner);
+                for ((averaged, last), gray) in inside.zip(grays.windows(3)) {
+                    let here = (gray[0] + gray[1] + gray[2]) / 3.0;
+                    *averaged = (here + if line == 0 { here } else { *last }) / 2.0;
+                    *last = here;
+                }
+                let changes = averaged.iter().zip(averaged.iter().skip(2)).map(|(left, right)| right - left);
+                sideways.iter_mut().skip(1).zip(changes).for_each(|(to, change)| *to = change);
+            },
+        );
     }
 
     /// A line that was taken, beside the one that it is compared with; the first lines have none.

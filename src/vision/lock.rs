@@ -5,7 +5,7 @@ use super::courses::strand_courses;
 use super::first_views::{first_views, place_cameras};
 use super::fitting::fit_from;
 use super::measured::{Measured, Views};
-use super::measuring::measure;
+use super::measuring::{Start, measure};
 use super::noise_scale::{normalised, residual_scale};
 use super::reference::Reference;
 use super::self_likeness::likest;
@@ -40,7 +40,7 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
         place_cameras(spec, &mut views, gathered);
         fit_all(&spec_now, &views.models, gathered)?;
         sharpen(spec, &mut views, gathered);
-        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, Start::Fit, &|_| unknown.clone());
         first_templates(spec, &mut views, gathered);
         if spec.rope.design().strand_lay_mm.is_none() && wrong_hand(&views) {
             // The strands slant the other way: mirror the search. Contours alone could not tell.
@@ -49,25 +49,25 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
             fit_all(&spec_now, &views.models, gathered)?;
             sharpen(&spec_now, &mut views, gathered);
             views.models.iter_mut().for_each(|m| m.template = None);
-            measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+            measure_all(spec, &mut views, gathered, Start::Fit, &|_| unknown.clone());
             first_templates(spec, &mut views, gathered);
         }
-        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, Start::Fit, &|_| unknown.clone());
         first_templates(spec, &mut views, gathered);
-        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, Start::Measured, &|_| unknown.clone());
         lock_wires(spec, &mut views, gathered);
         // With the wires known, their pattern is learnt and taken out, and everything is measured again.
         for _ in 0..ROUNDS {
             let predictions = learn_patterns(spec, &mut views, gathered);
-            measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+            measure_all(spec, &mut views, gathered, Start::Measured, &|k| predictions[k].clone());
             first_templates(spec, &mut views, gathered);
             calibrate_strands(spec, &mut views, gathered);
         }
         let predictions = learn_patterns(spec, &mut views, gathered);
-        measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+        measure_all(spec, &mut views, gathered, Start::Measured, &|k| predictions[k].clone());
         views.found_axis_px = (0..views.models.len()).map(|v| mean_axis_px(gathered, v)).collect();
     } else {
-        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, Start::Fit, &|_| unknown.clone());
     }
     let wires = lock_wires(spec, &mut views, gathered);
     Some(Lock { views, wires })
@@ -183,12 +183,13 @@ fn measure_all(
     spec: &AlignerSpec,
     views: &mut Views,
     gathered: &mut [Measured],
+    start: Start,
     wires: &dyn Fn(usize) -> Vec<Option<WirePrediction>>,
 ) {
     for k in 0..gathered.len() {
         let (before, rest) = gathered.split_at_mut(k);
         let before: Vec<&Measured> = before.iter().rev().take(2).rev().collect();
-        measure(spec, views, &mut rest[0], &before, &wires(k));
+        measure(spec, views, &mut rest[0], &before, &wires(k), start);
     }
 }
 
@@ -209,9 +210,8 @@ fn calibrate_strands(spec: &AlignerSpec, views: &mut Views, gathered: &[Measured
             for (j, course) in strand_courses(spec, &window, Some(v), rate).into_iter().enumerate() {
                 if let Some(course) = course {
                     let knots = only.iter().flat_map(|f| f.chunks_exact(n).map(move |k| k[j])).enumerate();
-                    series.push(
-                        knots.map(|(k, m)| normalised(m, course.phase_rad(k), course.phase_variance(k))).collect(),
-                    );
+                    let variances = course.phase_variances();
+                    series.push(knots.map(|(k, m)| normalised(m, course.phase_rad(k), variances[k])).collect());
                 }
             }
         }

@@ -19,7 +19,16 @@ use rayon::prelude::*;
 /// Where deviations are only found to start from, one of so many lines is looked at.
 const THINNED: usize = 2;
 
-/// Measures each strand's course through a stretch that was fitted: two rounds of registration to start from, one to measure.
+/// Where measuring starts from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Start {
+    /// The straight course that was fitted: two thinned rounds of registration come first.
+    Fit,
+    /// What was measured last with the same fit, if it was: it is near enough to be measured from at once.
+    Measured,
+}
+
+/// Measures each strand's course through a stretch that was fitted, by registration.
 ///
 /// `wires` are where the wires are expected; their pattern is taken out of the image where it is known.
 pub(super) fn measure(
@@ -28,11 +37,19 @@ pub(super) fn measure(
     seen: &mut Measured,
     before: &[&Measured],
     wires: &[Option<WirePrediction>],
+    start: Start,
 ) {
     let Ok(fit) = seen.fit else { return };
     let rope = &spec.rope;
     let n = rope.strands();
     let mut reference = Reference::straight(&fit, rope, seen.lines, spec.pitch_mm, spec.knot_lines);
+    let rounds = match (start, seen.reference.take()) {
+        (Start::Measured, Some(measured)) => {
+            reference.deviation_rad = measured.deviation_rad;
+            &[1][..]
+        }
+        _ => &[THINNED, THINNED, 1],
+    };
     let middle_mm = (seen.first_line as f64 + (seen.lines as f64 - 1.0) / 2.0) * spec.pitch_mm;
     for (wire, prediction) in reference.wires.iter_mut().zip(wires) {
         if let Some(prediction) = prediction {
@@ -46,7 +63,7 @@ pub(super) fn measure(
     });
     join_axes(views, seen);
     let knots = reference.knots();
-    for thinned in [THINNED, THINNED, 1] {
+    for &thinned in rounds {
         let sums = register_views(rope, &views.models, &seen.views, &reference, thinned);
         seen.strands = strand_knots(rope, &views.models, &sums, &reference);
         if sums.iter().all(Vec::is_empty) {
@@ -146,17 +163,17 @@ pub(super) fn learn_pattern(
         reference.phases_rad(&spec.rope, line, strands);
         wires_at(line, wires);
     };
-    for ((model, sums), view) in views.models.iter().zip(&mut views.detail_sums).zip(&seen.views) {
-        if view.usable() {
-            sums.add(&spec.rope, &model.contour, model.camera.angle_rad, &view.contours, &view.axis_px, phases);
-        }
-    }
-    views.models.par_iter().zip(&mut views.pattern_sums).zip(&seen.views).for_each(|((model, sums), view)| {
-        if let (Some(template), true) = (&model.template, view.usable()) {
-            let (angle_rad, stride) = (model.camera.angle_rad, spec.reading_lines);
-            sums.add(&spec.rope, template, angle_rad, &view.image, &view.axis_px, stride, phases);
-        }
-    });
+    let sums = views.detail_sums.par_iter_mut().zip(&mut views.pattern_sums);
+    views.models.par_iter().zip(sums).zip(&seen.views).filter(|(_, view)| view.usable()).for_each(
+        |((model, (detail, pattern)), view)| {
+            let angle_rad = model.camera.angle_rad;
+            detail.add(&spec.rope, &model.contour, angle_rad, &view.contours, &view.axis_px, phases);
+            if let Some(template) = &model.template {
+                let stride = spec.reading_lines;
+                pattern.add(&spec.rope, template, angle_rad, &view.image, &view.axis_px, stride, phases);
+            }
+        },
+    );
 }
 
 /// Renews the wire patterns from what was learnt.

@@ -51,6 +51,12 @@ fn bin(rope: &Rope, phase_in_view_rad: f64) -> usize {
     ((fraction(phase_in_view_rad / rope.strand_step_rad()) * BINS as f64) as usize).min(BINS - 1)
 }
 
+/// Cosine and sine of the wire period's first harmonic at a wire phase, and of each one after it.
+fn harmonics(rope: &Rope, wire_phase_in_view_rad: f64) -> impl Iterator<Item = (f64, f64)> {
+    let (sin, cos) = (rope.wires() as f64 * wire_phase_in_view_rad).sin_cos();
+    std::iter::successors(Some((cos, sin)), move |(c, s)| Some((c * cos - s * sin, s * cos + c * sin)))
+}
+
 impl DetailSums {
     /// Adds the contours of a stretch in the view at `angle_rad`, whose axis was found; `phases(line)` as they were measured.
     pub fn add(
@@ -82,8 +88,7 @@ impl DetailSums {
                 at.0 += difference;
                 at.1 += 1.0;
                 sums.lines += 1.0;
-                for (h, wave) in sums.waves.iter_mut().enumerate() {
-                    let (sin, cos) = (((h + 1) * rope.wires()) as f64 * (wires[j] - angle_rad)).sin_cos();
+                for (wave, (cos, sin)) in sums.waves.iter_mut().zip(harmonics(rope, wires[j] - angle_rad)) {
                     wave.0 += difference * cos;
                     wave.1 += difference * sin;
                 }
@@ -152,11 +157,8 @@ impl OutlineDetail {
                 let j = strand_at_side(&strands, angle_rad, SIDES_RAD[side]);
                 let mut off_px = detail.bins[bin(rope, strands[j] - angle_rad)];
                 if !wires[j].is_nan() {
-                    let (sin, cos) = (rope.wires() as f64 * (wires[j] - angle_rad)).sin_cos();
-                    let (mut c, mut s) = (cos, sin);
-                    for &(re, im) in &detail.waves {
-                        off_px += re * c + im * s;
-                        (c, s) = (c * cos - s * sin, s * cos + c * sin);
+                    for (&(re, im), (cos, sin)) in detail.waves.iter().zip(harmonics(rope, wires[j] - angle_rad)) {
+                        off_px += re * cos + im * sin;
                     }
                 }
                 let column = if side == 0 { &mut out.upper_px[line] } else { &mut out.lower_px[line] };

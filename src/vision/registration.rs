@@ -10,6 +10,7 @@ use super::model_contour::ModelContour;
 use super::rope::Rope;
 use super::surface::rounded;
 use super::template::{Template, normalised_line, phase_bin};
+use super::wide::wide;
 use super::wire_pattern::{WirePattern, mean_phase};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -117,20 +118,27 @@ pub fn register(
             }
             let (r, g, p) = (&mut line[from..to], &per_rad[from..to], &per_wire_rad[from..to]);
             let there = &mut there[from..to];
-            for ((gray, there), (mean, g)) in r.iter_mut().zip(&mut *there).zip(expected[from..to].iter().zip(g)) {
-                let off = *gray - mean - own * g;
-                *there -= off;
-                *gray = off.clamp(-CUT, CUT);
-            }
-            if knots.thinned == 1 {
-                add_sideways(there, r, &mut sums.sideways);
-            }
-            sums.phase_phase[j] += f64::from(dot(g, g));
-            sums.phase_difference[j] += f64::from(dot(g, r));
-            sums.squares += f64::from(dot(r, r));
-            sums.wire_wire[j] += f64::from(dot(p, p));
-            sums.phase_wire[j] += f64::from(dot(p, g));
-            sums.wire_difference[j] += f64::from(dot(p, r));
+            wide(
+                #[inline(always)]
+                || {
+                    for ((gray, there), (mean, g)) in
+                        r.iter_mut().zip(&mut *there).zip(expected[from..to].iter().zip(g))
+                    {
+                        let off = *gray - mean - own * g;
+                        *there -= off;
+                        *gray = off.clamp(-CUT, CUT);
+                    }
+                    if knots.thinned == 1 {
+                        add_sideways(there, r, &mut sums.sideways);
+                    }
+                    sums.phase_phase[j] += f64::from(dot(g, g));
+                    sums.phase_difference[j] += f64::from(dot(g, r));
+                    sums.squares += f64::from(dot(r, r));
+                    sums.wire_wire[j] += f64::from(dot(p, p));
+                    sums.phase_wire[j] += f64::from(dot(p, g));
+                    sums.wire_difference[j] += f64::from(dot(p, r));
+                },
+            );
             sums.pixels += (to - from) as f64;
         }
     }
@@ -144,6 +152,7 @@ const STEP_CUT: f32 = 0.08;
 
 /// Adds what a strand in a line says of how far the picture stands sideways; `there` is what is expected of its gray values, `off` what
 /// they have beside. Robust as Huber has it.
+#[inline(always)]
 fn add_sideways(there: &[f32], off: &[f32], sums: &mut (f64, f64)) {
     let steps = off.len().saturating_sub(STEP_PX + 2);
     let (mut squares, mut products) = ([0.0f32; LANES], [0.0f32; LANES]);
@@ -162,12 +171,13 @@ fn add_sideways(there: &[f32], off: &[f32], sums: &mut (f64, f64)) {
 }
 
 /// Sums that run side by side, so that the processor adds them in one go.
-const LANES: usize = 4;
+const LANES: usize = 8;
 
+#[inline(always)]
 fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let ((fours_a, rest_a), (fours_b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let ((wide_a, rest_a), (wide_b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
     let mut lanes = [0.0f32; LANES];
-    for (a, b) in fours_a.iter().zip(fours_b) {
+    for (a, b) in wide_a.iter().zip(wide_b) {
         lanes.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
     }
     lanes.iter().sum::<f32>() + rest_a.iter().zip(rest_b).map(|(a, b)| a * b).sum::<f32>()

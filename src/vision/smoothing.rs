@@ -203,6 +203,20 @@ impl<const S: usize> Spread for Chain<S> {
         (variance, changes)
     }
 
+    fn variances(&self, part: usize, encoder: Option<&EncoderCourse>) -> Vec<f64> {
+        let own = self.factor.diagonal_of_inverse().into_iter().map(|block| block[(2 * part, 2 * part)]);
+        let Some(encoder) = encoder else { return own.collect() };
+        // How the phases change with every node: of these there are fewer than knots.
+        let of_nodes = encoder.each_node(|share| {
+            let change = self.change(share);
+            let phase =
+                |(knot, change): (usize, &SVector<f64, S>)| change[2 * part] + self.per_mm[2 * part] * share(knot);
+            change.iter().enumerate().map(phase).collect::<Vec<f64>>()
+        });
+        let shared = |knot: usize| encoder.variance(&DVector::from_fn(of_nodes.len(), |node, _| of_nodes[node][knot]));
+        own.enumerate().map(|(knot, own)| own + shared(knot)).collect()
+    }
+
     fn covariance(&self, part: usize, knots: &[usize]) -> DMatrix<f64> {
         let mut covariance = DMatrix::zeros(knots.len(), knots.len());
         for (column, &knot) in knots.iter().enumerate() {

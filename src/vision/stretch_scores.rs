@@ -2,6 +2,7 @@
 
 use super::filtering::TOGETHER;
 use super::kind::Likely;
+use super::wide::wide;
 use std::ops::Range;
 
 /// What another view's score counts where this view sees the place well, but does not judge it as high.
@@ -36,11 +37,13 @@ impl Visibility {
     pub const WHOLE: Self = Self(u8::MAX);
 
     /// A share of that, from 0, not at all, to 1.
+    #[inline(always)]
     pub fn new(share: f32) -> Self {
-        Self((share * f32::from(u8::MAX)).round() as u8)
+        Self((share * f32::from(u8::MAX) + 0.5) as u8)
     }
 
     /// The share.
+    #[inline(always)]
     pub fn share(self) -> f32 {
         f32::from(self.0) / f32::from(u8::MAX)
     }
@@ -134,6 +137,7 @@ impl StretchScores {
         here.fold(Likely::default(), |sum, looked| sum.joined(&looked.likely.times(f64::from(looked.added))))
     }
 
+    #[inline(always)]
     fn find_peaks(&mut self, row: usize) {
         self.blocks.clear();
         self.peaks.clear();
@@ -157,15 +161,21 @@ impl StretchScores {
 /// Joins what several views say of the same places: each view takes over what another one scores higher, as far as it sees the
 /// place itself. A break at the edge of one view is often in the middle of the next.
 pub fn join_views(views: &mut [Option<StretchScores>], strands: usize) {
-    join_cells(views);
-    join_looks(views);
-    for view in views.iter_mut().flatten() {
-        let row = strands * view.places;
-        view.find_peaks(row);
-    }
+    wide(
+        #[inline(always)]
+        || {
+            join_cells(views);
+            join_looks(views);
+            for view in views.iter_mut().flatten() {
+                let row = strands * view.places;
+                view.find_peaks(row);
+            }
+        },
+    );
 }
 
 /// The highest score of any view counts in the others.
+#[inline(always)]
 fn join_cells(views: &mut [Option<StretchScores>]) {
     let mut best: Vec<f32> = Vec::new();
     for view in views.iter().flatten() {
@@ -182,6 +192,7 @@ fn join_cells(views: &mut [Option<StretchScores>]) {
 }
 
 /// What closer looks add is a logarithm of odds: that of one view and a share of the highest of the others.
+#[inline(always)]
 fn join_looks(views: &mut [Option<StretchScores>]) {
     let mut highest: Vec<[f32; 2]> = Vec::new();
     for view in views.iter().flatten() {

@@ -8,6 +8,7 @@ use super::camera::Camera;
 use super::image::GrayImage;
 use super::rope::Rope;
 use super::surface::{StrandSpan, rounded, visible_spans};
+use super::wide::wide;
 
 /// Bins of the phase within one strand step; about 1 px of strand movement each.
 pub const PHASE_BINS: usize = 128;
@@ -59,9 +60,14 @@ pub fn normalised_line(line: &[u8], axis_px: f32, out: &mut [f32]) -> bool {
     let (gain, gain_of_next) = ((1.0 - fraction) / mean, fraction / mean);
     out[..from].fill(0.0);
     out[to..].fill(0.0);
-    for ((out, &gray), &next) in out[from..to].iter_mut().zip(source).zip(&source[1..]) {
-        *out = gain * f32::from(gray) + gain_of_next * f32::from(next);
-    }
+    wide(
+        #[inline(always)]
+        || {
+            for ((out, &gray), &next) in out[from..to].iter_mut().zip(source).zip(&source[1..]) {
+                *out = gain * f32::from(gray) + gain_of_next * f32::from(next);
+            }
+        },
+    );
     true
 }
 

@@ -82,14 +82,13 @@ pub(super) fn lock_wires(
                 for (j, courses) in joint_courses(spec, &window, &views.encoder, rates).strands.into_iter().enumerate()
                 {
                     if let (Some(strand), Some(wires)) = (courses.strand, courses.wires) {
-                        let variances: Vec<(f64, f64)> =
-                            (0..wires.len()).map(|k| (strand.phase_variance(k), wires.phase_variance(k))).collect();
+                        let (of_strand, of_wires) = (strand.phase_variances(), wires.phase_variances());
                         for v in 0..views.models.len() {
                             let knots = run.iter().flat_map(|m| &m.wires[v][j]).enumerate();
                             let residual = |(k, knot): (usize, &WireKnot)| {
                                 let share = knot.strand_share;
                                 let expected = wires.phase_rad(k) + share * strand.phase_rad(k);
-                                normalised(knot.joint(), expected, share * share * variances[k].0 + variances[k].1)
+                                normalised(knot.joint(), expected, share * share * of_strand[k] + of_wires[k])
                             };
                             series.push(knots.map(residual).collect());
                         }

@@ -7,6 +7,7 @@
 use super::image::GrayImage;
 use super::rope::Rope;
 use super::template::{PHASE_BINS, PhaseBin, Template, normalised_line, phase_bin};
+use super::wide::wide;
 use super::wire_tracking::strand_share;
 
 /// Harmonics of the wire period that are kept; wires are round, so two describe them well.
@@ -76,10 +77,15 @@ impl PatternSums {
                     let (re, im) = (&mut self.re[at + from..at + to], &mut self.im[at + from..at + to]);
                     let differences =
                         self.line[from..to].iter().zip(&expected[from..to]).map(|(gray, mean)| gray - mean);
-                    for ((re, im), difference) in re.iter_mut().zip(im).zip(differences) {
-                        *re += difference * cos;
-                        *im += difference * sin;
-                    }
+                    wide(
+                        #[inline(always)]
+                        || {
+                            for ((re, im), difference) in re.iter_mut().zip(im).zip(differences) {
+                                *re += difference * cos;
+                                *im += difference * sin;
+                            }
+                        },
+                    );
                 }
                 for count in &mut self.counts[bin.row * self.width + from..bin.row * self.width + to] {
                     *count += 1.0;
@@ -163,12 +169,17 @@ impl WirePattern {
                     let surface = surface_re[there.clone()].iter().zip(&surface_im[there.clone()]);
                     let there = surface.zip(&sums.counts[there]).zip(same);
                     let targets = re.iter_mut().zip(&mut im).zip(&mut count);
-                    for (((re, im), count), (((of_re, of_im), of_count), same)) in targets.zip(there) {
-                        let weight = if same { weight } else { 0.0 };
-                        *re += weight * of_re;
-                        *im += weight * of_im;
-                        *count += weight * of_count;
-                    }
+                    wide(
+                        #[inline(always)]
+                        || {
+                            for (((re, im), count), (((of_re, of_im), of_count), same)) in targets.zip(there) {
+                                let weight = if same { weight } else { 0.0 };
+                                *re += weight * of_re;
+                                *im += weight * of_im;
+                                *count += weight * of_count;
+                            }
+                        },
+                    );
                 }
                 for (c, at) in here.enumerate() {
                     if strands[at] != NO_STRAND {
@@ -203,10 +214,15 @@ impl WirePattern {
             self.re[at..at + self.width][columns.clone()].iter().zip(&self.im[at..at + self.width][columns.clone()])
         });
         let targets = line[columns.clone()].iter_mut().zip(&mut per_rad[columns]);
-        for (((value, slope), (a, b)), (a_twice, b_twice)) in targets.zip(first).zip(second) {
-            *value -= a * cos + b * sin + a_twice * cos_twice + b_twice * sin_twice;
-            *slope = wires * (b * cos - a * sin + 2.0 * (b_twice * cos_twice - a_twice * sin_twice));
-        }
+        wide(
+            #[inline(always)]
+            || {
+                for (((value, slope), (a, b)), (a_twice, b_twice)) in targets.zip(first).zip(second) {
+                    *value -= a * cos + b * sin + a_twice * cos_twice + b_twice * sin_twice;
+                    *slope = wires * (b * cos - a * sin + 2.0 * (b_twice * cos_twice - a_twice * sin_twice));
+                }
+            },
+        );
     }
 
     /// Takes the wires of all strands out of a normalised line: `wires_rad[j]` in rope axes, NaN where unknown. Else as in
