@@ -1,17 +1,21 @@
-//! Rows of sums that filters along the wires are made of: across the wires first, then moved along the rope.
+//! Rows of sums that filters along the wires are made of: across the wires first, then along the rope.
 
 use super::evidence::Evidence;
+use super::filtering::TOGETHER;
 use super::wide::wide;
+use std::array::from_fn;
 use std::ops::Range;
 
-/// Rows of sums of one strand, block after block.
+/// Sums of one strand from its first block on: whatever lies between two blocks is the difference of two rows.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
     values: Vec<f32>,
+    row: usize,
+    blocks: usize,
 }
 
 impl Rows {
-    /// Sums over `HALF` places to either side of every place of a strand.
+    /// Sums over `HALF` places to either side of every place of a strand, and over all blocks before.
     pub fn across<const HALF: usize>(
         &mut self,
         evidence: &Evidence,
@@ -20,12 +24,15 @@ impl Rows {
         value: impl Fn(f32, f32) -> f32,
     ) {
         let (places, row) = (evidence.places, evidence.row());
-        self.values.resize(blocks.len() * row, 0.0);
+        (self.row, self.blocks) = (row, blocks.len());
+        self.values.resize((blocks.len() + 1) * row, 0.0);
         let mut cyclic = vec![0.0f32; row + 2 * HALF];
         wide(
             #[inline(always)]
             || {
-                for (block, to) in blocks.zip(self.values.chunks_exact_mut(row)) {
+                let (mut before, mut rows) = self.values.split_at_mut(row);
+                before.fill(0.0);
+                for block in blocks {
                     let of_block = evidence.of(block, strand);
                     let from = evidence.sums[of_block.clone()].iter().zip(&evidence.counts[of_block]);
                     cyclic[HALF..HALF + places].iter_mut().zip(from).for_each(|(to, (&sum, &n))| *to = value(sum, n));
@@ -34,51 +41,34 @@ impl Rows {
                         cyclic[near] = cyclic[places + near];
                         cyclic[HALF + places + near] = cyclic[HALF + near];
                     }
-                    to.iter_mut()
-                        .zip(cyclic.iter().zip(&cyclic[1..]))
-                        .for_each(|(sum, (one, other))| *sum = one + other);
-                    for shift in 2..=2 * HALF {
-                        to.iter_mut().zip(&cyclic[shift..]).for_each(|(sum, value)| *sum += value);
+                    let (here, later) = rows.split_at_mut(row);
+                    // A few places at a time: their sums stay in registers.
+                    let sums = before.as_chunks::<TOGETHER>().0.iter().zip(here.as_chunks_mut::<TOGETHER>().0);
+                    for ((before, here), first) in sums.zip((0..).step_by(TOGETHER)) {
+                        let near = &cyclic[first..first + TOGETHER + 2 * HALF];
+                        let mut sums: [f32; TOGETHER] = from_fn(|place| near[place] + near[place + 1]);
+                        for shift in 2..=2 * HALF {
+                            sums.iter_mut().zip(&near[shift..]).for_each(|(sum, value)| *sum += value);
+                        }
+                        *here = from_fn(|place| before[place] + sums[place]);
                     }
-                    to[places..].fill(0.0);
+                    here[places..].fill(0.0);
+                    (before, rows) = (here, later);
                 }
             },
         );
     }
-}
 
-/// The rows that lie under a filter, while it moves along the rope.
-pub(super) struct Window {
-    half: usize,
-    rows: usize,
-    /// The rows under it.
-    under: Range<usize>,
-}
-
-impl Window {
-    /// Before the first of so many rows.
-    pub fn new(half: usize, rows: usize) -> Self {
-        Self { half, rows, under: 0..0 }
+    /// The blocks up to `half` of them away from one, counted from the first.
+    pub fn about(&self, block: usize, half: usize) -> Range<usize> {
+        block.saturating_sub(half)..(block + half + 1).min(self.blocks)
     }
 
-    /// Moves on until the row `middle` is in its middle; `sums` and `pixels` are what lies under it then.
-    pub fn move_to(&mut self, middle: usize, of_sums: &Rows, sums: &mut [f32], of_pixels: &Rows, pixels: &mut [f32]) {
-        let row = sums.len();
-        let to = middle.saturating_sub(self.half)..(middle + self.half + 1).min(self.rows);
-        let (new, old) = (self.under.end..to.end, self.under.start..to.start);
-        wide(
-            #[inline(always)]
-            || {
-                for (values, to) in [(&of_sums.values, sums), (&of_pixels.values, pixels)] {
-                    for row in new.clone().map(|new| &values[new * row..(new + 1) * row]) {
-                        to.iter_mut().zip(row).for_each(|(sum, new)| *sum += new);
-                    }
-                    for row in old.clone().map(|old| &values[old * row..(old + 1) * row]) {
-                        to.iter_mut().zip(row).for_each(|(sum, old)| *sum -= old);
-                    }
-                }
-            },
-        );
-        self.under = to;
+    /// Sums over blocks, for every place.
+    #[inline(always)]
+    pub fn within(&self, blocks: &Range<usize>, to: &mut [f32]) {
+        let sums = |block: usize| &self.values[block * self.row..(block + 1) * self.row];
+        let sums = sums(blocks.end).iter().zip(sums(blocks.start));
+        to.iter_mut().zip(sums).for_each(|(to, (until, before))| *to = until - before);
     }
 }

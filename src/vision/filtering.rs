@@ -4,7 +4,7 @@
 //! passes through the view, and what is summed stays in the processor's cache.
 
 use super::evidence::{Evidence, FILTERS, UNSEEN};
-use super::filter_rows::{Rows, Window};
+use super::filter_rows::Rows;
 use super::stretch_scores::Visibility;
 use super::surface_map::PLACES_PER_WIRE;
 use super::wide::wide;
@@ -104,11 +104,17 @@ impl Evidence {
                     Steps::Every => 1,
                     Steps::Thinned => ((STEP_SHARE * filter.length_mm / block_mm) as usize).max(1),
                 };
-                let mut window = Window::new(half, blocks.len());
                 for first in blocks.clone().step_by(step) {
                     let stands_for = first..(first + step).min(blocks.end);
                     let block = (stands_for.start + stands_for.end) / 2;
-                    window.move_to(block - blocks.start, &sums, &mut under_sums, &pixels, &mut under_pixels);
+                    let about = sums.about(block - blocks.start, half);
+                    wide(
+                        #[inline(always)]
+                        || {
+                            sums.within(&about, &mut under_sums);
+                            pixels.within(&about, &mut under_pixels);
+                        },
+                    );
                     each(Filtered {
                         filter: number,
                         strand,
@@ -119,8 +125,6 @@ impl Evidence {
                         regions: &self.regions[self.of(block, strand)],
                     });
                 }
-                under_sums.fill(0.0);
-                under_pixels.fill(0.0);
             }
         }
     }
@@ -131,21 +135,18 @@ impl Evidence {
         let half = half_blocks(SEEN_WITHIN.0, self.block_lines as f64 * pitch_mm);
         let mut near = vec![0.0f32; self.counts.len()];
         let mut pixels = Rows::default();
-        let mut under = [vec![0.0f32; self.row()], vec![0.0f32; self.row()]];
+        let mut under = vec![0.0f32; self.row()];
         let mut most = 0.0f32;
         for (strand, blocks) in self.passes(2 * half + 1) {
             let about = blocks.start.saturating_sub(half)..(blocks.end + half).min(self.blocks);
             pixels.across::<{ SEEN_WITHIN.1 }>(self, strand, about.clone(), |_, n| n);
-            let mut window = Window::new(half, about.len());
-            let [one, other] = &mut under;
             for block in about.clone() {
-                window.move_to(block - about.start, &pixels, one, &pixels, other);
-                most = one.iter().copied().fold(most, f32::max);
+                pixels.within(&pixels.about(block - about.start, half), &mut under);
+                most = under.iter().copied().fold(most, f32::max);
                 if !self.lost[block] {
-                    near[self.of_scores(block, strand)].copy_from_slice(&one[..self.places]);
+                    near[self.of_scores(block, strand)].copy_from_slice(&under[..self.places]);
                 }
             }
-            under.iter_mut().for_each(|row| row.fill(0.0));
         }
         let enough = SEEN_WELL * most;
         let share = |n: f32| if n > 0.0 { HARDLY_SEEN + (1.0 - HARDLY_SEEN) * (n / enough).min(1.0) } else { 0.0 };

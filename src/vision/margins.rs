@@ -120,7 +120,7 @@ pub(crate) mod tests {
                 evidence.set(at, (from + block) as f32, 1.0, strand as u8);
             }
             let gray = GraySums { deviation: (from + block) as f32 / 8.0, expected: 4.0, pixels: 1.0 };
-            unrolled.set(MARGIN_BLOCKS + block, strand, &[gray; WIRES * FINE_PER_WIRE]);
+            unrolled.take(MARGIN_BLOCKS + block, strand, &mut [gray; WIRES * FINE_PER_WIRE]);
         }
         Seen { evidence: vec![evidence], unrolled, margin_blocks: MARGIN_BLOCKS }
     }

@@ -85,7 +85,7 @@ mod tests {
         // Wire 6 is beside wire 0.
         sums[6 * FINE_PER_WIRE + 3] = GraySums { deviation: 4.0, expected: 16.0, pixels: 1.0 };
         sums[2] = GraySums { deviation: -8.0, expected: 8.0, pixels: 1.0 };
-        unrolled.set(5, 1, &sums);
+        unrolled.take(5, 1, &mut sums);
         let mut evidence = Evidence::empty(5, 40, 2, WIRES_OF_STRAND * PLACES_PER_WIRE);
         evidence.set(evidence.of(5, 1).start + 1, 3.0, 1.0, 0);
         let mut patch = Patch::default();

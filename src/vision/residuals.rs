@@ -101,16 +101,15 @@ impl Residuals {
                 .collect();
             let compared = seen.iter().filter(|line| line.compared.is_some()).count() as f32;
             map.for_each_run(middle, view.axis_px[middle], |run| {
-                sums.fill(Sums::default());
-                fine.fill(GraySums::default());
                 wide(
                     #[inline(always)]
                     || gathering.add(&run, &view.blind, &seen, &mut sums, &mut fine),
                 );
-                residuals.unrolled.set(block, run.strand, &fine);
+                residuals.unrolled.take(block, run.strand, &mut fine);
                 residuals.in_view[run.strand * blocks + block] = true;
                 let first = evidence.of(block, run.strand).start;
-                for (at, sums) in (first..).zip(&sums).filter(|(_, sums)| sums.pixels > 0.0) {
+                for (at, sums) in (first..).zip(&mut sums).filter(|(_, sums)| sums.pixels > 0.0) {
+                    let sums = std::mem::take(sums);
                     let of_lines = seen.len() as f32;
                     evidence.set(at, sums.score, sums.scored * of_lines, region(sums.cell as usize));
                     residuals.surface_cell[at] = sums.cell;

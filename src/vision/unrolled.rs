@@ -54,10 +54,11 @@ impl Unrolled {
         Self { blocks, places, deviation: vec![0; len], expected: vec![UNSEEN; len] }
     }
 
-    /// Sets what was seen of a strand in a block.
-    pub(super) fn set(&mut self, block: usize, strand: usize, sums: &[GraySums]) {
+    /// Takes what was seen of a strand in a block, and leaves the sums empty.
+    pub(super) fn take(&mut self, block: usize, strand: usize, sums: &mut [GraySums]) {
         let first = (strand * self.blocks + block) * self.places;
         for (at, sums) in (first..).zip(sums).filter(|(_, sums)| sums.pixels > 0.0) {
+            let sums = std::mem::take(sums);
             self.deviation[at] = (sums.deviation / sums.pixels * DEVIATION_STEPS).round() as i8; // saturates
             let expected = (sums.expected / sums.pixels * EXPECTED_STEPS).round();
             self.expected[at] = expected.clamp(0.0, f32::from(UNSEEN - 1)) as u8;
@@ -95,7 +96,7 @@ mod tests {
         let mut sums = vec![GraySums::default(); 7 * FINE_PER_WIRE];
         sums[13] = GraySums { deviation: -10.0, expected: 64.0, pixels: 4.0 };
         sums[14] = GraySums { deviation: 400.0, expected: 140.0, pixels: 4.0 };
-        unrolled.set(2, 1, &sums);
+        unrolled.take(2, 1, &mut sums);
         let gray = unrolled.gray(2, 1, 13).unwrap();
         assert!((gray.deviation + 2.5).abs() < 0.1 && (gray.expected - 16.0).abs() < 0.1, "{gray:?}");
         let far = unrolled.gray(2, 1, 14).unwrap();
