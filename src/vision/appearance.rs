@@ -6,6 +6,7 @@ use super::histogram::{
 };
 use super::image::GrayImage;
 use super::surface_map::{whole, within};
+use super::wide::wide;
 use std::ops::Range;
 
 /// Observations that a cell needs (after smoothing) before it is judged.
@@ -35,6 +36,11 @@ pub struct GrayScale {
 /// Number of light levels that get their own table.
 const LIGHTS: usize = 128;
 
+/// Light of a level: they are spaced by equal ratios from 2 to 256.
+fn light(level: f64) -> f64 {
+    2.0 * 128f64.powf(level / (LIGHTS as f64 - 1.0))
+}
+
 impl GrayScale {
     /// Measures the light of every line about the rope axis, smoothed over [`LIGHT_LINES`]; black lines, which show nothing, say nothing
     /// of it.
@@ -45,25 +51,35 @@ impl GrayScale {
             let line = image.line(k);
             let from = ((f64::from(axis_px[k]) - 0.7 * half_width_px).max(0.0) as usize).min(line.len());
             let to = ((f64::from(axis_px[k]) + 0.7 * half_width_px).max(0.0) as usize).clamp(from, line.len());
-            // Every third pixel tells the light well enough.
-            let (sum, n) = line[from..to].iter().step_by(3).fold((0u32, 0u32), |(s, n), &g| (s + u32::from(g), n + 1));
+            let sum = wide(
+                #[inline(always)]
+                || line[from..to].iter().map(|&gray| u32::from(gray)).sum::<u32>(),
+            );
             let (light, lit) = sums[k];
-            sums[k + 1] = (light + f64::from(sum) / f64::from(n.max(1)), lit + u32::from(sum > 0));
+            sums[k + 1] = (light + f64::from(sum) / (to - from).max(1) as f64, lit + u32::from(sum > 0));
         }
         let half = LIGHT_LINES / 2;
+        // From which light on each level is the nearest one. A line has nearly the same as the one before.
+        let begins: [f64; LIGHTS] = std::array::from_fn(|level| light(level as f64 - 0.5));
+        let mut level = 0;
         let line_table: Vec<u8> = (0..lines)
             .map(|k| {
                 let (from, to) = (k.saturating_sub(half), (k + half).min(lines));
                 let light = (sums[to].0 - sums[from].0) / f64::from((sums[to].1 - sums[from].1).max(1));
-                // Light levels are spaced by equal ratios from 2 to 256.
-                ((light.clamp(2.0, 255.9) / 2.0).ln() / 128f64.ln() * (LIGHTS as f64 - 1.0)).round() as u8
+                while level + 1 < LIGHTS && begins[level + 1] <= light {
+                    level += 1;
+                }
+                while level > 0 && light < begins[level] {
+                    level -= 1;
+                }
+                level as u8
             })
             .collect();
         let darkest = line_table.iter().copied().min().unwrap_or(0);
         let brightest = line_table.iter().copied().max().unwrap_or(0);
         let fine: Vec<[f32; 256]> = (darkest..=brightest)
             .map(|level| {
-                let light = 2.0 * 128f32.powf(f32::from(level) / (LIGHTS as f32 - 1.0));
+                let light = light(f64::from(level)) as f32;
                 std::array::from_fn(|gray| GRAY_BINS as f32 * gray as f32 / (gray as f32 + light))
             })
             .collect();

@@ -48,7 +48,7 @@ pub(super) fn measure(
             reference.deviation_rad = measured.deviation_rad;
             &[1][..]
         }
-        _ => &[THINNED, THINNED, 1],
+        _ => &[THINNED, 1],
     };
     let middle_mm = (seen.first_line as f64 + (seen.lines as f64 - 1.0) / 2.0) * spec.pitch_mm;
     for (wire, prediction) in reference.wires.iter_mut().zip(wires) {

@@ -143,9 +143,11 @@ impl Template {
                 // The next step shows the same picture again: rows are cyclic.
                 let other = (row as isize + k).rem_euclid(PHASE_BINS as isize) as usize;
                 weight += w * sums.counts[other];
-                for (t, &s) in target.iter_mut().zip(&sums.sums[other * width..(other + 1) * width]) {
-                    *t += w * s;
-                }
+                let sums = &sums.sums[other * width..(other + 1) * width];
+                wide(
+                    #[inline(always)]
+                    || target.iter_mut().zip(sums).for_each(|(t, &s)| *t += w * s),
+                );
             }
             if weight <= 0.0 {
                 return None;

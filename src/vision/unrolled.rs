@@ -59,8 +59,9 @@ impl Unrolled {
         let first = (strand * self.blocks + block) * self.places;
         for (at, sums) in (first..).zip(sums).filter(|(_, sums)| sums.pixels > 0.0) {
             let sums = std::mem::take(sums);
-            self.deviation[at] = (sums.deviation / sums.pixels * DEVIATION_STEPS).round() as i8; // saturates
-            let expected = (sums.expected / sums.pixels * EXPECTED_STEPS).round();
+            let deviation = sums.deviation / sums.pixels * DEVIATION_STEPS;
+            self.deviation[at] = (deviation + 0.5f32.copysign(deviation)) as i8; // to the nearest, and saturates
+            let expected = sums.expected / sums.pixels * EXPECTED_STEPS + 0.5;
             self.expected[at] = expected.clamp(0.0, f32::from(UNSEEN - 1)) as u8;
         }
     }
