@@ -151,39 +151,36 @@ impl<'a> Detection<'a> {
         let mut scored: Vec<Option<StretchScores>> = seen.par_iter().zip(&model.views).enumerate().map(score).collect();
         self.judging.join(&mut scored, strands);
         let block_mm = block_lines(pitch_mm) as f64 * pitch_mm;
-        for scores in scored.iter_mut().flatten() {
+        scored.par_iter_mut().flatten().for_each(|scores| {
             model.lasting.raise(scores, block_mm);
             scores.add_closer_look();
             scores.cut_margins(MARGIN_BLOCKS);
-        }
+        });
         self.intact.add(&scored, model.report.threshold, block_mm);
         let sensor_px = self.acquisition.sensor_px as usize;
+        let again: Vec<Option<(f64, &mut AlarmBuilder)>> = match &mut self.again {
+            Some((level, builders)) => builders.iter_mut().map(|builder| Some((*level, builder))).collect(),
+            None => scored.iter().map(|_| None).collect(),
+        };
         let drawn: Vec<LikelihoodMap> = self
             .builders
             .par_iter_mut()
+            .zip(again)
             .enumerate()
-            .map(|(v, builder)| {
+            .map(|(v, (builder, again))| {
                 let (Some(seen), Some(scores)) = (aligned.view(acquisition, v), &scored[v]) else {
                     let nothing = || LikelihoodMap::not_judged(sensor_px, stretch.lines);
                     return if maps { nothing() } else { LikelihoodMap::default() };
                 };
                 let mut looker = Looker::new(seen, scores, &model.views[v].gray);
-                builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
-                    looker.look(block, threshold)
-                });
+                for (level, builder) in [(threshold, builder)].into_iter().chain(again) {
+                    builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
+                        looker.look(block, level)
+                    });
+                }
                 if maps { LikelihoodMap::of(&seen, scores, model.report.threshold) } else { LikelihoodMap::default() }
             })
             .collect();
-        if let Some((level, builders)) = &mut self.again {
-            for (v, builder) in builders.iter_mut().enumerate() {
-                if let (Some(seen), Some(scores)) = (aligned.view(acquisition, v), &scored[v]) {
-                    let mut looker = Looker::new(seen, scores, &model.views[v].gray);
-                    builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
-                        looker.look(block, *level)
-                    });
-                }
-            }
-        }
         let mut images = Vec::new();
         for (v, (scores, map)) in scored.into_iter().zip(drawn).enumerate() {
             let of_line = |k: usize| scores.as_ref().map_or(f32::NAN, |s| s.blocks[k / s.block_lines]);

@@ -3,6 +3,7 @@
 use super::filtering::TOGETHER;
 use super::kind::Likely;
 use super::wide::wide;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// What another view's score counts where this view sees the place well, but does not judge it as high.
@@ -137,6 +138,25 @@ impl StretchScores {
         here.fold(Likely::default(), |sum, looked| sum.joined(&looked.likely.times(f64::from(looked.added))))
     }
 
+    /// The highest score of any view counts in this one.
+    #[inline(always)]
+    fn take_over_cells(&mut self, best: &[f32]) {
+        for ((score, &visibility), &best) in self.cells.iter_mut().zip(&self.visibility).zip(best) {
+            if visibility > Visibility::new(0.0) && best.is_finite() {
+                *score = score.max(visibility.share() * OTHER_VIEW_SHARE * best);
+            }
+        }
+    }
+
+    /// What closer looks add is a logarithm of odds: that of this view and a share of the highest of the others.
+    #[inline(always)]
+    fn take_over_looks(&mut self, highest: &[[f32; 2]]) {
+        for ((added, &visibility), &[first, second]) in self.added.iter_mut().zip(&self.visibility).zip(highest) {
+            let of_others = if *added == first { second } else { first };
+            *added += visibility.share() * OTHER_LOOK_SHARE * of_others;
+        }
+    }
+
     #[inline(always)]
     fn find_peaks(&mut self, row: usize) {
         self.blocks.clear();
@@ -161,39 +181,35 @@ impl StretchScores {
 /// Joins what several views say of the same places: each view takes over what another one scores higher, as far as it sees the
 /// place itself. A break at the edge of one view is often in the middle of the next.
 pub fn join_views(views: &mut [Option<StretchScores>], strands: usize) {
-    wide(
-        #[inline(always)]
-        || {
-            join_cells(views);
-            join_looks(views);
-            for view in views.iter_mut().flatten() {
-                let row = strands * view.places;
-                view.find_peaks(row);
-            }
-        },
-    );
+    let (best, highest) = rayon::join(|| best_cells(views), || highest_looks(views));
+    views.par_iter_mut().flatten().for_each(|view| {
+        wide(
+            #[inline(always)]
+            || {
+                view.take_over_cells(&best);
+                view.take_over_looks(&highest);
+                view.find_peaks(strands * view.places);
+            },
+        );
+    });
 }
 
-/// The highest score of any view counts in the others.
-#[inline(always)]
-fn join_cells(views: &mut [Option<StretchScores>]) {
+/// The highest score that any view gives a place; NaN where none does.
+fn best_cells(views: &[Option<StretchScores>]) -> Vec<f32> {
     let mut best: Vec<f32> = Vec::new();
     for view in views.iter().flatten() {
         best.resize(best.len().max(view.cells.len()), f32::NAN);
-        best.iter_mut().zip(&view.cells).for_each(|(best, &score)| *best = best.max(score)); // takes the number where the other is NaN
+        wide(
+            #[inline(always)]
+            // Takes the number where the other is NaN.
+            || best.iter_mut().zip(&view.cells).for_each(|(best, &score)| *best = best.max(score)),
+        );
     }
-    for view in views.iter_mut().flatten() {
-        for ((score, &visibility), &best) in view.cells.iter_mut().zip(&view.visibility).zip(&best) {
-            if visibility > Visibility::new(0.0) && best.is_finite() {
-                *score = score.max(visibility.share() * OTHER_VIEW_SHARE * best);
-            }
-        }
-    }
+    best
 }
 
-/// What closer looks add is a logarithm of odds: that of one view and a share of the highest of the others.
-#[inline(always)]
-fn join_looks(views: &mut [Option<StretchScores>]) {
+/// The two highest that closer looks of any views add at a place.
+fn highest_looks(views: &[Option<StretchScores>]) -> Vec<[f32; 2]> {
     let mut highest: Vec<[f32; 2]> = Vec::new();
     for view in views.iter().flatten() {
         highest.resize(highest.len().max(view.added.len()), [0.0; 2]);
@@ -201,12 +217,7 @@ fn join_looks(views: &mut [Option<StretchScores>]) {
             *highest = if added > highest[0] { [added, highest[0]] } else { [highest[0], highest[1].max(added)] };
         }
     }
-    for view in views.iter_mut().flatten() {
-        for ((added, &visibility), &[first, second]) in view.added.iter_mut().zip(&view.visibility).zip(&highest) {
-            let of_others = if *added == first { second } else { first };
-            *added += visibility.share() * OTHER_LOOK_SHARE * of_others;
-        }
-    }
+    highest
 }
 
 #[cfg(test)]
