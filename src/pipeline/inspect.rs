@@ -118,7 +118,8 @@ pub fn inspect(
         maps.finish()?;
     }
     let (found, line_scores) = detection.map(Detection::finish).unzip();
-    let (displacement, line_scores) = rayon::join(
+    // The two long tables.
+    let (one, other) = rayon::join(
         || displacement.write_csv("displacement.csv", "view,line,displacement_px", true, 3),
         || match (line_scores, options.line_scores) {
             (Some(scores), LineScoreFormat::Csv) => scores.write_csv("line_scores.csv", "view,line,score", false, 4),
@@ -126,7 +127,7 @@ pub fn inspect(
             (None, _) => Ok(()),
         },
     );
-    displacement.and(line_scores)?;
+    one.and(other)?;
     let (mut defects, mut look_again, mut fit) = (None, None, None);
     if let Some(found) = found {
         write_json(&results_folder.join("defects.json"), &found.defects)?;

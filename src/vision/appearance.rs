@@ -37,7 +37,7 @@ pub struct GrayScale {
 const LIGHTS: usize = 128;
 
 /// Light of a level: they are spaced by equal ratios from 2 to 256.
-fn light(level: f64) -> f64 {
+fn light_of(level: f64) -> f64 {
     2.0 * 128f64.powf(level / (LIGHTS as f64 - 1.0))
 }
 
@@ -59,27 +59,20 @@ impl GrayScale {
             sums[k + 1] = (light + f64::from(sum) / (to - from).max(1) as f64, lit + u32::from(sum > 0));
         }
         let half = LIGHT_LINES / 2;
-        // From which light on each level is the nearest one. A line has nearly the same as the one before.
-        let begins: [f64; LIGHTS] = std::array::from_fn(|level| light(level as f64 - 0.5));
-        let mut level = 0;
+        // From which light on each level but the first is the nearest one.
+        let begins: [f64; LIGHTS - 1] = std::array::from_fn(|level| light_of(level as f64 + 0.5));
         let line_table: Vec<u8> = (0..lines)
             .map(|k| {
                 let (from, to) = (k.saturating_sub(half), (k + half).min(lines));
                 let light = (sums[to].0 - sums[from].0) / f64::from((sums[to].1 - sums[from].1).max(1));
-                while level + 1 < LIGHTS && begins[level + 1] <= light {
-                    level += 1;
-                }
-                while level > 0 && light < begins[level] {
-                    level -= 1;
-                }
-                level as u8
+                begins.partition_point(|&begin| begin <= light) as u8
             })
             .collect();
         let darkest = line_table.iter().copied().min().unwrap_or(0);
         let brightest = line_table.iter().copied().max().unwrap_or(0);
         let fine: Vec<[f32; 256]> = (darkest..=brightest)
             .map(|level| {
-                let light = light(f64::from(level)) as f32;
+                let light = light_of(f64::from(level)) as f32;
                 std::array::from_fn(|gray| GRAY_BINS as f32 * gray as f32 / (gray as f32 + light))
             })
             .collect();

@@ -41,7 +41,7 @@ impl<const S: usize> Banded<S> {
         b
     }
 
-    /// The blocks on the diagonal of the inverse, from the last to the first. [Takahashi's equations]
+    /// The blocks on the diagonal of the inverse. [Takahashi's equations]
     pub fn diagonal_of_inverse(&self) -> Vec<SMatrix<f64, S, S>> {
         let mut diagonal = self.pivots.clone();
         for k in (0..self.links.len()).rev() {

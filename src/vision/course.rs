@@ -19,7 +19,7 @@ pub(super) trait Spread: std::fmt::Debug + Send + Sync {
         encoder: Option<&EncoderCourse>,
     ) -> (f64, DVector<f64>);
 
-    /// Variance of the phase of a part at every knot.
+    /// Variance of the phase of a part at every knot, the encoder's error included.
     fn variances(&self, part: usize, encoder: Option<&EncoderCourse>) -> Vec<f64>;
 
     /// Covariance of the phases of a part at some knots, were the encoder's error known.
@@ -79,7 +79,7 @@ impl Course {
         Self::mean_variance(&[self], knot, &[1.0])
     }
 
-    /// The same at every knot, for little more than at one.
+    /// The same at every knot: a solve for every node of the encoder's error instead of one for every knot.
     pub fn phase_variances(&self) -> Vec<f64> {
         self.chain.variances(self.part, self.encoder.as_deref())
     }

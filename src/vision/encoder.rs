@@ -149,9 +149,9 @@ impl EncoderCourse {
         at_nodes(self.knots, of_knot)
     }
 
-    /// What `of_node` says of every node, told the share that this one has in the error at a knot.
-    pub fn each_node<T>(&self, mut of_node: impl FnMut(&dyn Fn(usize) -> f64) -> T) -> Vec<T> {
-        (0..self.nodes_mm.len()).map(|number| of_node(&|knot| share_of(number, knot))).collect()
+    /// The share that each node has in the error at a knot.
+    pub fn shares(&self) -> impl Iterator<Item = impl Fn(usize) -> f64> {
+        (0..self.nodes_mm.len()).map(|number| move |knot| share_of(number, knot))
     }
 
     /// Variance of a sum over the nodes.
@@ -255,11 +255,24 @@ mod tests {
         let all: Vec<&Course> = strands.iter().collect();
         let sd = Course::mean_slope_variance(&all, knots.clone()).sqrt();
         assert!((slope - xy / xx).abs() < 3.0 * sd, "{slope} instead of {}, sd {sd}", xy / xx);
-        let at_every_knot = strands[0].phase_variances();
-        assert!((0..KNOTS).all(|k| (at_every_knot[k] / strands[0].phase_variance(k) - 1.0).abs() < 1e-6));
         // What all share does not average out: six strands are less certain than six that know nothing of each other.
         let alone = strands[0].slope_variance(knots).sqrt() / 6f64.sqrt();
         assert!(sd > 1.04 * alone, "{sd} and {alone}");
+    }
+
+    #[test]
+    fn variances_of_all_knots_are_those_of_each_alone() {
+        let chains = || chains(|k| 0.1 * (k as f64 / 12.0).sin());
+        let encoder = EncoderCourse::estimate(&chains().iter().collect::<Vec<_>>(), &EncoderEvidence::default());
+        let with_encoder = chains().remove(0).courses(encoder.map(std::sync::Arc::new).as_ref());
+        let without = chains().remove(0).courses(None);
+        for course in with_encoder.iter().chain(&without) {
+            let together = course.phase_variances();
+            assert_eq!(together.len(), KNOTS);
+            assert!((0..KNOTS).all(|k| (together[k] / course.phase_variance(k) - 1.0).abs() < 1e-6));
+        }
+        let [less, more] = [&without, &with_encoder].map(|courses| courses[1].phase_variance(60));
+        assert!(more > 1.05 * less, "what all share counts: {more} and {less}");
     }
 
     #[test]

@@ -108,13 +108,8 @@ impl Evidence {
                     let stands_for = first..(first + step).min(blocks.end);
                     let block = (stands_for.start + stands_for.end) / 2;
                     let about = sums.about(block - blocks.start, half);
-                    wide(
-                        #[inline(always)]
-                        || {
-                            sums.within(&about, &mut under_sums);
-                            pixels.within(&about, &mut under_pixels);
-                        },
-                    );
+                    sums.within(&about, &mut under_sums);
+                    pixels.within(&about, &mut under_pixels);
                     each(Filtered {
                         filter: number,
                         strand,
@@ -245,7 +240,7 @@ mod tests {
                     && f.stands_for.len() as f64 * 0.5 <= (STEP_SHARE * FILTERS[f.filter].length_mm).max(0.5)
             );
             let exact = &every[f.filter][f.block];
-            assert!(f.sums.iter().zip(exact).all(|(a, b)| (a - b).abs() < 2e-2));
+            assert_eq!(f.sums, exact);
             f.stands_for.for_each(|block| stood_for[block][f.filter] += 1);
         });
         assert!((20..90).chain(150..380).all(|block| stood_for[block] == [1; FILTERS.len()]));

@@ -5,7 +5,7 @@ use super::courses::strand_courses;
 use super::first_views::{first_views, place_cameras};
 use super::fitting::fit_from;
 use super::measured::{Measured, Views};
-use super::measuring::{Start, measure};
+use super::measuring::measure;
 use super::noise_scale::{normalised, residual_scale};
 use super::reference::Reference;
 use super::self_likeness::likest;
@@ -40,7 +40,7 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
         place_cameras(spec, &mut views, gathered);
         fit_all(&spec_now, &views.models, gathered)?;
         sharpen(spec, &mut views, gathered);
-        measure_all(spec, &mut views, gathered, Start::Fit, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
         first_templates(spec, &mut views, gathered);
         if spec.rope.design().strand_lay_mm.is_none() && wrong_hand(&views) {
             // The strands slant the other way: mirror the search. Contours alone could not tell.
@@ -49,25 +49,27 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
             fit_all(&spec_now, &views.models, gathered)?;
             sharpen(&spec_now, &mut views, gathered);
             views.models.iter_mut().for_each(|m| m.template = None);
-            measure_all(spec, &mut views, gathered, Start::Fit, &|_| unknown.clone());
+            measure_all(spec, &mut views, gathered, &|_| unknown.clone());
             first_templates(spec, &mut views, gathered);
         }
-        measure_all(spec, &mut views, gathered, Start::Fit, &|_| unknown.clone());
+        // Contours alone had to tell so far.
+        gathered.iter_mut().for_each(|measured| measured.reference = None);
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
         first_templates(spec, &mut views, gathered);
-        measure_all(spec, &mut views, gathered, Start::Measured, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
         lock_wires(spec, &mut views, gathered);
         // With the wires known, their pattern is learnt and taken out, and everything is measured again.
         for _ in 0..ROUNDS {
             let predictions = learn_patterns(spec, &mut views, gathered);
-            measure_all(spec, &mut views, gathered, Start::Measured, &|k| predictions[k].clone());
+            measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
             first_templates(spec, &mut views, gathered);
             calibrate_strands(spec, &mut views, gathered);
         }
         let predictions = learn_patterns(spec, &mut views, gathered);
-        measure_all(spec, &mut views, gathered, Start::Measured, &|k| predictions[k].clone());
+        measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
         views.found_axis_px = (0..views.models.len()).map(|v| mean_axis_px(gathered, v)).collect();
     } else {
-        measure_all(spec, &mut views, gathered, Start::Fit, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
     }
     let wires = lock_wires(spec, &mut views, gathered);
     Some(Lock { views, wires })
@@ -77,7 +79,7 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
 fn fit_all(spec: &AlignerSpec, models: &[ViewModel], gathered: &mut [Measured]) -> Option<()> {
     let alone: Vec<_> = gathered.par_iter().map(|m| fit_from(spec, models, m, None)).collect();
     for (measured, fit) in gathered.iter_mut().zip(&alone) {
-        measured.fit = *fit;
+        measured.refit(*fit);
     }
     let score = |k: usize| alone[k].as_ref().map_or(f64::NEG_INFINITY, |f| f.score);
     let best = (0..gathered.len()).max_by(|&a, &b| score(a).total_cmp(&score(b)))?;
@@ -87,7 +89,7 @@ fn fit_all(spec: &AlignerSpec, models: &[ViewModel], gathered: &mut [Measured]) 
             let reference = Reference::straight(&fit, &spec.rope, from.lines, spec.pitch_mm, spec.knot_lines);
             // Signed distance: stretches before the best one are reached backward.
             let shifted = reference_shifted(&reference, from.first_line, to.first_line);
-            to.fit = fit_from(spec, models, to, Some((to.first_line, &shifted)));
+            to.refit(fit_from(spec, models, to, Some((to.first_line, &shifted))));
         }
     };
     let (before, rest) = gathered.split_at_mut(best);
@@ -118,7 +120,7 @@ fn sharpen(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) {
     for measured in gathered {
         let Ok(fit) = measured.fit else { continue };
         let likest = likest(spec, &views.models, measured, fit);
-        measured.fit = Ok(likest);
+        measured.refit(Ok(likest));
         if (likest.rate_rad_per_mm / fit.rate_rad_per_mm - 1.0).abs() > CONTRADICTION {
             views.models.iter_mut().for_each(|m| m.contour_noise_scale = CONTRADICTED_NOISE);
         }
@@ -146,9 +148,10 @@ fn reference_shifted(reference: &Reference, from_line: usize, to_line: usize) ->
 fn first_templates(spec: &AlignerSpec, views: &mut Views, gathered: &mut [Measured]) {
     let references: Vec<Option<Reference>> = gathered
         .iter()
-        .map(|measured| match (&measured.reference, measured.fit.ok()?) {
-            (Some(reference), fit) if reference.rate_rad_per_mm == fit.rate_rad_per_mm => Some(reference.clone()),
-            (_, fit) => Some(Reference::straight(&fit, &spec.rope, measured.lines, spec.pitch_mm, spec.knot_lines)),
+        .map(|measured| {
+            let fit = measured.fit.ok()?;
+            let straight = || Reference::straight(&fit, &spec.rope, measured.lines, spec.pitch_mm, spec.knot_lines);
+            Some(measured.reference.clone().unwrap_or_else(straight))
         })
         .collect();
     for (measured, reference) in gathered.iter_mut().zip(&references).filter(|(m, _)| m.reference.is_none()) {
@@ -183,13 +186,12 @@ fn measure_all(
     spec: &AlignerSpec,
     views: &mut Views,
     gathered: &mut [Measured],
-    start: Start,
     wires: &dyn Fn(usize) -> Vec<Option<WirePrediction>>,
 ) {
     for k in 0..gathered.len() {
         let (before, rest) = gathered.split_at_mut(k);
         let before: Vec<&Measured> = before.iter().rev().take(2).rev().collect();
-        measure(spec, views, &mut rest[0], &before, &wires(k), start);
+        measure(spec, views, &mut rest[0], &before, &wires(k));
     }
 }
 

@@ -24,6 +24,7 @@ pub(super) struct Measured {
     pub lines: usize,
     pub views: Vec<ViewStretch>,
     pub fit: Result<StrandAlignment, NotAligned>,
+    /// What was measured with this fit.
     pub reference: Option<Reference>,
     pub strands: StrandKnots,
     pub stripes: Vec<Stripes>,
@@ -32,6 +33,11 @@ pub(super) struct Measured {
 }
 
 impl Measured {
+    /// Takes another fit, with which nothing was measured yet.
+    pub fn refit(&mut self, fit: Result<StrandAlignment, NotAligned>) {
+        (self.fit, self.reference) = (fit, None);
+    }
+
     pub fn knots(&self, spec: &AlignerSpec) -> usize {
         self.lines.div_ceil(spec.knot_lines)
     }

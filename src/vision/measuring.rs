@@ -7,28 +7,27 @@ use super::courses::{StrandCourses, strand_courses, with};
 use super::measured::{Measured, Views};
 use super::outline_detail::OutlineDetail;
 use super::reference::Reference;
+use super::registration::KnotSums;
 use super::shade::Shade;
-use super::stretch::{ViewStretch, register_views, strand_knots};
-use super::unwrapping::{FARTHEST_RAD, Stripes, read_stripes};
+use super::stretch::{FARTHEST_STEP_RAD, ViewStretch, register_views, strand_knots};
+use super::unwrapping::{self, Stripes, read_stripes};
 use super::wire_lock::{LEAST_COHERENCE, search_wires};
 use super::wire_pattern::WirePattern;
 use super::wire_prediction::WirePrediction;
 use super::wire_tracking::{WireKnot, readings, wire_knots};
 use rayon::prelude::*;
 
-/// Where deviations are only found to start from, one of so many lines is looked at.
+/// Where deviations are only found to start from, one of so many lines is looked at,
 const THINNED: usize = 2;
+/// in so many rounds at the most,
+const THINNED_ROUNDS: usize = 2;
+/// of which one is enough if it moves no strand this far: the next round may move them as far again.
+const NEAR_RAD: f64 = 0.6 * FARTHEST_STEP_RAD;
+/// Farthest that a strand is taken to be from the straight course.
+const FARTHEST_RAD: f64 = 2.0 * FARTHEST_STEP_RAD;
 
-/// Where measuring starts from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Start {
-    /// The straight course that was fitted: two thinned rounds of registration come first.
-    Fit,
-    /// What was measured last with the same fit, if it was: it is near enough to be measured from at once.
-    Measured,
-}
-
-/// Measures each strand's course through a stretch that was fitted, by registration.
+/// Measures each strand's course through a stretch by registration, thinned rounds first: from what was measured before with the same fit,
+/// if anything was, else from the straight course of the fit.
 ///
 /// `wires` are where the wires are expected; their pattern is taken out of the image where it is known.
 pub(super) fn measure(
@@ -37,19 +36,10 @@ pub(super) fn measure(
     seen: &mut Measured,
     before: &[&Measured],
     wires: &[Option<WirePrediction>],
-    start: Start,
 ) {
     let Ok(fit) = seen.fit else { return };
     let rope = &spec.rope;
-    let n = rope.strands();
     let mut reference = Reference::straight(&fit, rope, seen.lines, spec.pitch_mm, spec.knot_lines);
-    let rounds = match (start, seen.reference.take()) {
-        (Start::Measured, Some(measured)) => {
-            reference.deviation_rad = measured.deviation_rad;
-            &[1][..]
-        }
-        _ => &[THINNED, 1],
-    };
     let middle_mm = (seen.first_line as f64 + (seen.lines as f64 - 1.0) / 2.0) * spec.pitch_mm;
     for (wire, prediction) in reference.wires.iter_mut().zip(wires) {
         if let Some(prediction) = prediction {
@@ -62,31 +52,51 @@ pub(super) fn measure(
         }
     });
     join_axes(views, seen);
-    let knots = reference.knots();
-    for &thinned in rounds {
-        let sums = register_views(rope, &views.models, &seen.views, &reference, thinned);
-        seen.strands = strand_knots(rope, &views.models, &sums, &reference);
-        if sums.iter().all(Vec::is_empty) {
+    if let Some(measured) = seen.reference.take() {
+        reference.deviation_rad = measured.deviation_rad;
+    }
+    for _ in 0..THINNED_ROUNDS {
+        let from_rad = reference.deviation_rad.clone();
+        follow_strands(spec, views, seen, before, &mut reference, THINNED);
+        if reference.deviation_rad.iter().zip(from_rad).all(|(to, from)| (to - from).abs() < NEAR_RAD) {
             break;
         }
-        let courses = strand_courses(spec, &with(before, seen), None, fit.rate_rad_per_mm);
-        for k in 0..knots {
-            let mean = reference.mean_phase_rad(reference.knot_middle(k));
-            for (j, course) in courses.iter().enumerate() {
-                let phase = |course: &Course| course.phase_rad(course.len() - knots + k);
-                let straight = mean + j as f64 * rope.strand_step_rad();
-                let deviation = course.as_ref().map_or(0.0, |course| phase(course) - straight);
-                reference.deviation_rad[k * n + j] = deviation.clamp(-0.12, 0.12);
-            }
-        }
-        if thinned == 1 {
-            // Now that strands and wires are about where they stand, the image tells where the axis is.
-            let registered = seen.views.iter_mut().zip(&sums).filter(|(view, _)| view.usable());
-            registered.for_each(|(view, sums)| view.refine_axis(sums));
-            join_axes(views, seen);
+    }
+    let sums = follow_strands(spec, views, seen, before, &mut reference, 1);
+    // Now that strands and wires are about where they stand, the image tells where the axis is.
+    let registered = seen.views.iter_mut().zip(&sums).filter(|(view, _)| view.usable());
+    registered.for_each(|(view, sums)| view.refine_axis(sums));
+    join_axes(views, seen);
+    seen.reference = Some(reference);
+}
+
+/// A round of registration, one of `thinned` lines looked at: measures the strands and moves the reference to their courses. Answers the
+/// normal equations of every view.
+fn follow_strands(
+    spec: &AlignerSpec,
+    views: &Views,
+    seen: &mut Measured,
+    before: &[&Measured],
+    reference: &mut Reference,
+    thinned: usize,
+) -> Vec<Vec<KnotSums>> {
+    let (rope, n, knots) = (&spec.rope, spec.rope.strands(), reference.knots());
+    let sums = register_views(rope, &views.models, &seen.views, reference, thinned);
+    seen.strands = strand_knots(rope, &views.models, &sums, reference);
+    if sums.iter().all(Vec::is_empty) {
+        return sums;
+    }
+    let courses = strand_courses(spec, &with(before, seen), None, reference.rate_rad_per_mm);
+    for k in 0..knots {
+        let mean = reference.mean_phase_rad(reference.knot_middle(k));
+        for (j, course) in courses.iter().enumerate() {
+            let phase = |course: &Course| course.phase_rad(course.len() - knots + k);
+            let straight = mean + j as f64 * rope.strand_step_rad();
+            let deviation = course.as_ref().map_or(0.0, |course| phase(course) - straight);
+            reference.deviation_rad[k * n + j] = deviation.clamp(-FARTHEST_RAD, FARTHEST_RAD);
         }
     }
-    seen.reference = Some(reference);
+    sums
 }
 
 /// Lets the axes of all views follow one rope, if every view shows it.
@@ -114,7 +124,7 @@ pub(super) fn read_wires(spec: &AlignerSpec, views: &Views, seen: &mut Measured,
         .map(|(model, view)| match (&model.template, view.usable()) {
             (Some(template), true) => {
                 let phases = |line: usize, out: &mut [f64]| reference.phases_rad(&spec.rope, line, out);
-                let shade = Shade::new(&spec.rope, template, wire_turns, FARTHEST_RAD);
+                let shade = Shade::new(&spec.rope, template, wire_turns, unwrapping::FARTHEST_RAD);
                 let (outlines, table) = (&model.outlines, &views.table);
                 read_stripes(&spec.rope, outlines, &shade, table, &view.image, &view.axis_px, phases)
             }

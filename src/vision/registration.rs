@@ -156,12 +156,13 @@ const STEP_CUT: f32 = 0.08;
 fn add_sideways(there: &[f32], off: &[f32], sums: &mut (f64, f64)) {
     let steps = off.len().saturating_sub(STEP_PX + 2);
     let (mut squares, mut products) = ([0.0f32; LANES], [0.0f32; LANES]);
-    // Gray changes per column by half of what lies two columns apart; over a step that is asked at both its ends.
-    for from in (0..steps / LANES * LANES).step_by(LANES) {
-        let (there, off) = (&there[from..from + LANES + STEP_PX + 2], &off[from + 1..from + 1 + LANES + STEP_PX]);
-        for (lane, (square, product)) in squares.iter_mut().zip(&mut products).enumerate() {
-            let [first, second] = [lane, lane + STEP_PX].map(|c| 0.5 * (there[c] - there[c + 2]));
-            let (slope, off) = (second - first, off[lane + STEP_PX] - off[lane]);
+    for from in (0..steps).step_by(LANES) {
+        let lanes = LANES.min(steps - from);
+        let (there, off) = (&there[from..from + lanes + STEP_PX + 2], &off[from + 1..from + 1 + lanes + STEP_PX]);
+        // Gray changes per column by half of what lies two columns apart; over a step that is asked at both its ends.
+        let change = |c: usize| 0.5 * (there[c] - there[c + 2]);
+        for (lane, (square, product)) in squares.iter_mut().zip(&mut products).take(lanes).enumerate() {
+            let (slope, off) = (change(lane + STEP_PX) - change(lane), off[lane + STEP_PX] - off[lane]);
             *square += if off.abs() < STEP_CUT { slope * slope } else { 0.0 };
             *product += slope * off.clamp(-STEP_CUT, STEP_CUT);
         }

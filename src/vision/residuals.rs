@@ -76,6 +76,7 @@ impl Residuals {
         let mut grain = Grain::new(pitch_mm, width, block_lines);
         let mut gathering = Gathering::new(gray, judged, width, grain.lag_lines());
         let mut grays = vec![vec![0.0f32; width]; block_lines];
+        // Empty between runs: what has pixels is taken after each, and nothing is summed without one.
         let mut sums = vec![Sums::default(); places];
         let mut fine = vec![GraySums::default(); rope.wires() * FINE_PER_WIRE];
         for (block, (of_block, middle)) in (margin_blocks..).zip(evidence::blocks(lines, block_lines)) {

@@ -207,12 +207,12 @@ impl<const S: usize> Spread for Chain<S> {
         let own = self.factor.diagonal_of_inverse().into_iter().map(|block| block[(2 * part, 2 * part)]);
         let Some(encoder) = encoder else { return own.collect() };
         // How the phases change with every node: of these there are fewer than knots.
-        let of_nodes = encoder.each_node(|share| {
-            let change = self.change(share);
-            let phase =
-                |(knot, change): (usize, &SVector<f64, S>)| change[2 * part] + self.per_mm[2 * part] * share(knot);
-            change.iter().enumerate().map(phase).collect::<Vec<f64>>()
-        });
+        // How the phases change with every node: of these there are fewer than knots.
+        let of_node = |share: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            let changes = self.change(share).into_iter().enumerate();
+            changes.map(|(knot, change)| change[2 * part] + self.per_mm[2 * part] * share(knot)).collect()
+        };
+        let of_nodes: Vec<Vec<f64>> = encoder.shares().map(|share| of_node(&share)).collect();
         let shared = |knot: usize| encoder.variance(&DVector::from_fn(of_nodes.len(), |node, _| of_nodes[node][knot]));
         own.enumerate().map(|(knot, own)| own + shared(knot)).collect()
     }

@@ -28,6 +28,8 @@ const PIXELS_PER_INDEPENDENT: f64 = 250.0;
 /// the contours must lead.
 const PIXELS_PER_INDEPENDENT_LANG: f64 = 750.0;
 
+/// Farthest that a strand is moved by one Gauss-Newton step, which is only good for small corrections: larger ones take several.
+pub const FARTHEST_STEP_RAD: f64 = 0.06;
 /// Share of the lines that were not lost that must show both edges.
 const LEAST_FOUND: f64 = 0.4;
 /// Share of the lines of a stretch that must not be lost. Measured with two views of 240 px: beside a gap of 3000 lines in both, 48 % of a
@@ -215,8 +217,7 @@ pub fn strand_knots(rope: &Rope, models: &[ViewModel], sums: &[Vec<KnotSums>], r
                     let image = (knot.phase_difference[j] - knot.phase_wire[j] * wire.error_rad) / variance;
                     let step = (image + knot.contour_phase_difference[j] / contour_variance) / information;
                     let base = mean + j as f64 * rope.strand_step_rad() + reference.deviation_rad[k * n + j];
-                    // One Gauss-Newton step is only good for small corrections; larger ones come over the rounds.
-                    let step = step.clamp(-0.06, 0.06);
+                    let step = step.clamp(-FARTHEST_STEP_RAD, FARTHEST_STEP_RAD);
                     measured[k * n + j] = Measurement { value_rad: base + step, information };
                 }
             }
