@@ -19,10 +19,8 @@ use rayon::prelude::*;
 
 /// Where deviations are only found to start from, one of so many lines is looked at,
 const THINNED: usize = 2;
-/// in so many rounds at the most,
+/// in so many rounds. Measured: with one, strand lays are a tenth less exact at a gray noise of 40 and as exact at 10.
 const THINNED_ROUNDS: usize = 2;
-/// of which one is enough if it moves no strand this far: the next round may move them as far again.
-const NEAR_RAD: f64 = 0.6 * FARTHEST_STEP_RAD;
 /// Farthest that a strand is taken to be from the straight course.
 const FARTHEST_RAD: f64 = 2.0 * FARTHEST_STEP_RAD;
 
@@ -56,11 +54,7 @@ pub(super) fn measure(
         reference.deviation_rad = measured.deviation_rad;
     }
     for _ in 0..THINNED_ROUNDS {
-        let from_rad = reference.deviation_rad.clone();
         follow_strands(spec, views, seen, before, &mut reference, THINNED);
-        if reference.deviation_rad.iter().zip(from_rad).all(|(to, from)| (to - from).abs() < NEAR_RAD) {
-            break;
-        }
     }
     let sums = follow_strands(spec, views, seen, before, &mut reference, 1);
     // Now that strands and wires are about where they stand, the image tells where the axis is.
