@@ -207,7 +207,6 @@ impl<const S: usize> Spread for Chain<S> {
         let own = self.factor.diagonal_of_inverse().into_iter().map(|block| block[(2 * part, 2 * part)]);
         let Some(encoder) = encoder else { return own.collect() };
         // How the phases change with every node: of these there are fewer than knots.
-        // How the phases change with every node: of these there are fewer than knots.
         let of_node = |share: &dyn Fn(usize) -> f64| -> Vec<f64> {
             let changes = self.change(share).into_iter().enumerate();
             changes.map(|(knot, change)| change[2 * part] + self.per_mm[2 * part] * share(knot)).collect()
