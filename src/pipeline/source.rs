@@ -141,17 +141,21 @@ fn unreadable(path: &Path, error: impl std::fmt::Display) -> SourceError {
     SourceError::Unreadable { path: path.into(), reason: error.to_string() }
 }
 
-fn open(path: &Path) -> Result<image::ImageReader<BufReader<File>>, SourceError> {
+/// Bytes that are read at once of an image that is decoded, and of one whose header alone is asked for, as all are before the first stretch.
+const READ_BYTES: usize = 1 << 16;
+const HEADER_BYTES: usize = 1 << 9;
+
+fn open(path: &Path, at_once: usize) -> Result<image::ImageReader<BufReader<File>>, SourceError> {
     let file = File::open(path).map_err(|e| unreadable(path, e))?;
     // By content, not by name: stored frames have no extension.
-    image::ImageReader::new(BufReader::with_capacity(1 << 16, file))
+    image::ImageReader::new(BufReader::with_capacity(at_once, file))
         .with_guessed_format()
         .map_err(|e| unreadable(path, e))
 }
 
 /// Width and height of an image from its header, refused when larger than any frame may be.
 pub fn dimensions(path: &Path) -> Result<(u32, u32), SourceError> {
-    let (width, height) = open(path)?.into_dimensions().map_err(|e| unreadable(path, e))?;
+    let (width, height) = open(path, HEADER_BYTES)?.into_dimensions().map_err(|e| unreadable(path, e))?;
     if width > MAX_SENSOR_PX || height > MAX_FRAME_LINES || u64::from(width) * u64::from(height) > MAX_FRAME_PIXELS {
         return Err(SourceError::TooLarge { path: path.into(), width, height });
     }
@@ -165,7 +169,7 @@ pub fn decode(path: &Path) -> Result<Frame, SourceError> {
 }
 
 fn decode_checked(path: &Path) -> Result<Frame, SourceError> {
-    let image = open(path)?.decode().map_err(|e| unreadable(path, e))?;
+    let image = open(path, READ_BYTES)?.decode().map_err(|e| unreadable(path, e))?;
     let (width, height) = (image.width(), image.height());
     let pixels = match image {
         image::DynamicImage::ImageLuma8(gray) => gray.into_raw(),
@@ -189,7 +193,7 @@ pub struct Map {
 /// Decodes a likelihood map, after checking its header.
 pub fn decode_map(path: &Path) -> Result<Map, SourceError> {
     dimensions(path)?;
-    let image = open(path)?.decode().map_err(|e| unreadable(path, e))?.into_luma_alpha8();
+    let image = open(path, READ_BYTES)?.decode().map_err(|e| unreadable(path, e))?.into_luma_alpha8();
     Ok(Map { width: image.width() as usize, pixels: image.pixels().map(|pixel| pixel.0).collect() })
 }
 
