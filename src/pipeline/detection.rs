@@ -174,9 +174,13 @@ impl<'a> Detection<'a> {
                 };
                 let mut looker = Looker::new(seen, scores, &model.views[v].gray);
                 for (level, builder) in [(threshold, builder)].into_iter().chain(again) {
-                    builder.add(stretch.first_line, stretch.lines, scores, 1.0 / PLACES_PER_WIRE as f64, |block| {
-                        looker.look(block, level)
-                    });
+                    builder.add(
+                        stretch.first_line,
+                        stretch.lines,
+                        scores,
+                        1.0 / PLACES_PER_WIRE as f64,
+                        |block, peak| looker.look(block, peak, level),
+                    );
                 }
                 if maps { LikelihoodMap::of(&seen, scores, model.report.threshold) } else { LikelihoodMap::default() }
             })
@@ -224,10 +228,12 @@ impl<'a> Detection<'a> {
     }
 }
 
-/// Those places that no view shows in the lines of a defect: the others are the defects themselves, a little longer. A view has one alarm
-/// a line, so what it shows beside a defect it shows of that; what other views show is a place of its own.
+/// Those places that no view shows in the lines of a defect on its strand: the others are the defects themselves, a little longer. What
+/// another view or another strand shows is a place of its own.
 fn beside(places: Vec<Defect>, defects: &[Defect]) -> Vec<Defect> {
-    let meet = |a: &Alarm, b: &Alarm| a.view == b.view && a.first_line <= b.last_line && b.first_line <= a.last_line;
+    let meet = |a: &Alarm, b: &Alarm| {
+        (a.view, a.strand) == (b.view, b.strand) && a.first_line <= b.last_line && b.first_line <= a.last_line
+    };
     let touches = |place: &Defect, defect: &Defect| {
         place.alarms.iter().any(|alarm| defect.alarms.iter().any(|other| meet(alarm, other)))
     };
@@ -285,7 +291,8 @@ mod tests {
         let missing_wire = Defect { alarms: vec![alarm(0, 1000, 2500, 1), alarm(1, 1100, 2400, 1)] };
         let wider = Defect { alarms: vec![alarm(0, 950, 2600, 1), alarm(1, 1050, 2500, 1), alarm(2, 990, 1010, 1)] };
         let round_the_rope = Defect { alarms: vec![alarm(2, 1500, 1520, 4)] };
-        let kept = beside(vec![wider, round_the_rope.clone()], &[missing_wire]);
-        assert_eq!(kept, [round_the_rope]);
+        let on_another_strand = Defect { alarms: vec![alarm(1, 1600, 1620, 3)] };
+        let own = [round_the_rope, on_another_strand];
+        assert_eq!(beside([vec![wider], own.to_vec()].concat(), &[missing_wire]), own);
     }
 }

@@ -108,7 +108,7 @@ mod tests {
         let mut most = 0;
         for first_line in (0..4000).step_by(1000) {
             let scores = scores(first_line, 1000, over);
-            builders[0].add(first_line, 1000, &scores, 0.2, |_| Look::default());
+            builders[0].add(first_line, 1000, &scores, 0.2, |_, _| Look::default());
             let found = so_far.look(&acquisition, &builders, first_line + 1000);
             told.truncate(found.from);
             told.extend(found.rows.clone());

@@ -80,7 +80,7 @@ impl ScoreCourse {
         let mut first_line = 0;
         for &(score, lines) in &self.runs {
             if f64::from(score) > threshold {
-                builder.add(first_line, lines, &one_block(score, first_line, lines), 1.0, |_| Look::default());
+                builder.add(first_line, lines, &one_block(score, first_line, lines), 1.0, |_, _| Look::default());
             }
             first_line += lines;
         }

@@ -1,11 +1,11 @@
-//! Looks at an alarmed block: which columns are over the threshold, and what they show.
+//! Looks at an alarmed strand in a block: which columns are over the threshold, and what they show.
 
 use crate::vision::appearance::{Appearance, GrayScale};
 use crate::vision::defects::Look;
 use crate::vision::inspection_model::AlignedView;
 use crate::vision::kind::{Grays, Signs};
 use crate::vision::model_contour::ModelContour;
-use crate::vision::stretch_scores::StretchScores;
+use crate::vision::stretch_scores::{Peak, StretchScores};
 use crate::vision::surface_map::{PLACES_PER_WIRE, SurfaceMap};
 
 /// Rope to either side over which the edge's usual distance from the outline is taken, in mm: farther than a wire stands out.
@@ -37,9 +37,9 @@ impl<'a> Looker<'a> {
         Self { seen, scores, gray, tools: None }
     }
 
-    /// What a block over the threshold shows at its middle line. Its highest place may lie just beside what that line shows: then
+    /// What a strand over the threshold shows in the middle line of a block. Its highest place may lie just beside what that line shows: then
     /// nothing is told but the nearest column.
-    pub fn look(&mut self, block: usize, threshold: f64) -> Look {
+    pub fn look(&mut self, block: usize, Peak { strand, place, .. }: Peak, threshold: f64) -> Look {
         let (seen, scores, gray) = (self.seen, self.scores, self.gray);
         let camera = seen.camera;
         let Tools { scale, contour, map } = self.tools.get_or_insert_with(|| {
@@ -53,7 +53,6 @@ impl<'a> Looker<'a> {
         let (past_row, past_bins) = (seen.view.image.line(past), scale.fine(past));
         let first = block * seen.rope.strands() * scores.places;
         // A block may be over the threshold by its neighbours' help: then its highest place stands for it.
-        let (strand, place) = scores.peaks[block];
         let limit = (threshold as f32).min(scores.cells[first + strand * scores.places + place]);
         let apart = |other: usize| {
             let apart = other.abs_diff(place);
@@ -76,9 +75,9 @@ impl<'a> Looker<'a> {
             if on_wire {
                 peak_columns = (peak_columns.0 + point.column as f64, peak_columns.1 + 1.0);
             }
-            if scores.cells[first + point.strand * scores.places + point.place] >= limit {
+            if point.strand == strand && scores.cells[first + strand * scores.places + point.place] >= limit {
                 over += 1.0;
-                over_places[point.place] |= point.strand == strand;
+                over_places[point.place] = true;
                 columns = Some(
                     columns.map_or((point.column, point.column), |(a, b)| (a.min(point.column), b.max(point.column))),
                 );

@@ -1,20 +1,20 @@
 //! From scores to alarms to defects: runs of lines over the threshold, merged over lines, wires and views.
 
 use super::kind::{Figures, Signs};
-use super::stretch_scores::StretchScores;
+use super::stretch_scores::{Peak, StretchScores};
 
-/// Alarms of one view nearer than this along the rope are one.
+/// Alarms of one strand in one view nearer than this along the rope are one.
 const ALARM_GAP_MM: f64 = 4.0;
 /// Alarms of one strand nearer than this along the rope have one cause.
 const DEFECT_GAP_MM: f64 = 15.0;
 /// Alarms of one wire nearer than this have one cause: on the inner side of its strand nobody sees it. So have those of the wires beside it:
 /// where one is missing, what shows may be taken for its neighbour.
 const WIRE_GAP_MM: f64 = 40.0;
-/// Alarms of two views on different strands that are farther apart round the rope have nothing to do with each other. A choice: half way
-/// between one place, which two cameras tell of alike, and opposite sides, which no two cameras share.
-const VIEWS_AGREE_RAD: f64 = std::f64::consts::FRAC_PI_2;
+/// Alarms on different strands that are farther apart round the rope have nothing to do with each other. A choice: three quarters of the way from
+/// one strand of six to the next, because damage on the border of two strands lies less than half of it from either.
+const ONE_PLACE_RAD: f64 = std::f64::consts::FRAC_PI_4;
 
-/// A run of lines of one view over the threshold.
+/// A run of lines of one view in which a strand is over the threshold.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alarm {
     /// The view.
@@ -29,7 +29,7 @@ pub struct Alarm {
     pub last_column: usize,
     /// Highest line score.
     pub peak_score: f64,
-    /// Strand where the peak stands.
+    /// The strand.
     pub strand: usize,
     /// Wire where the peak stands.
     pub wire: usize,
@@ -37,7 +37,7 @@ pub struct Alarm {
     pub signs: Signs,
 }
 
-/// What a block over the threshold shows.
+/// What a strand over the threshold shows in a block.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Look {
     /// First and last column over the threshold, or nearest to the place that is.
@@ -69,13 +69,16 @@ impl Defect {
         self.alarms.iter().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score))
     }
 
-    /// What the view with the peak shows of it; a wire that stands out may show at the edge of any view.
+    /// What the view with the peak shows of it on its strand, and how much of other strands; a wire that stands out may show at the edge of any
+    /// view.
     pub fn figures(&self) -> Option<Figures> {
-        let view = self.peak()?.view;
+        let peak = self.peak()?;
+        let in_view = || self.alarms.iter().filter(|alarm| alarm.view == peak.view);
         let mut signs = Signs::default();
-        self.alarms.iter().filter(|alarm| alarm.view == view).for_each(|alarm| signs.join(&alarm.signs));
-        let beyond = self.alarms.iter().map(|alarm| alarm.signs.beyond_outline_mm).fold(0.0, f64::max);
-        Signs { beyond_outline_mm: beyond, ..signs }.figures()
+        in_view().filter(|alarm| alarm.strand == peak.strand).for_each(|alarm| signs.join(&alarm.signs));
+        let area_mm2 = in_view().map(|alarm| alarm.signs.area_mm2).sum();
+        let beyond_outline_mm = self.alarms.iter().map(|alarm| alarm.signs.beyond_outline_mm).fold(0.0, f64::max);
+        Signs { area_mm2, beyond_outline_mm, ..signs }.figures()
     }
 }
 
@@ -85,67 +88,58 @@ pub struct AlarmBuilder {
     view: usize,
     threshold: f64,
     gap_lines: usize,
-    open: Option<Alarm>,
+    /// Those that may still grow, one a strand at the most.
+    open: Vec<Alarm>,
     done: Vec<Alarm>,
 }
 
 impl AlarmBuilder {
     /// Lines with a score above `threshold` are alarms.
     pub fn new(view: usize, threshold: f64, pitch_mm: f64) -> Self {
-        Self { view, threshold, gap_lines: (ALARM_GAP_MM / pitch_mm).round() as usize, open: None, done: Vec::new() }
+        let gap_lines = (ALARM_GAP_MM / pitch_mm).round() as usize;
+        Self { view, threshold, gap_lines, open: Vec::new(), done: Vec::new() }
     }
 
-    /// Adds the scores of a stretch. `look(block)` answers what a block over the threshold shows; it is asked for alarmed blocks only.
+    /// Adds the scores of a stretch. `look(block, peak)` answers what a strand over the threshold shows; it is asked for these only.
     pub fn add(
         &mut self,
         first_line: usize,
         lines: usize,
         scores: &StretchScores,
         wires_per_place: f64,
-        mut look: impl FnMut(usize) -> Look,
+        mut look: impl FnMut(usize, Peak) -> Look,
     ) {
-        for (block, &score) in scores.blocks.iter().enumerate() {
-            let score = f64::from(score);
-            if score.is_nan() || score <= self.threshold {
-                continue;
-            }
+        for (block, _) in scores.blocks.iter().enumerate().filter(|(_, score)| f64::from(**score) > self.threshold) {
             let from = first_line + block * scores.block_lines;
             let to = (from + scores.block_lines - 1).min(first_line + lines - 1);
-            let (strand, place) = scores.peaks[block];
-            let Look { columns: (first_column, last_column), signs } = look(block);
-            let wire = (place as f64 * wires_per_place) as usize;
-            match &mut self.open {
-                Some(open) if from <= open.last_line + self.gap_lines => {
-                    open.last_line = to;
-                    open.first_column = open.first_column.min(first_column);
-                    open.last_column = open.last_column.max(last_column);
-                    open.signs.join(&signs);
-                    if score > open.peak_score {
-                        (open.peak_score, open.strand, open.wire) = (score, strand, wire);
-                    }
-                }
-                open => {
-                    self.done.extend(open.take());
-                    *open = Some(Alarm {
-                        view: self.view,
-                        first_line: from,
-                        last_line: to,
-                        first_column,
-                        last_column,
-                        peak_score: score,
-                        strand,
-                        wire,
-                        signs,
-                    });
+            let (ended, open): (Vec<_>, _) =
+                self.open.drain(..).partition(|open| from > open.last_line + self.gap_lines);
+            self.done.extend(ended);
+            self.open = open;
+            for peak in scores.peaks_over(block, self.threshold) {
+                let Look { columns: (first_column, last_column), signs } = look(block, peak);
+                let here = Alarm {
+                    view: self.view,
+                    first_line: from,
+                    last_line: to,
+                    first_column,
+                    last_column,
+                    peak_score: f64::from(peak.score),
+                    strand: peak.strand,
+                    wire: (peak.place as f64 * wires_per_place) as usize,
+                    signs,
+                };
+                match self.open.iter_mut().find(|open| open.strand == peak.strand) {
+                    Some(open) => open.grow(here),
+                    None => self.open.push(here),
                 }
             }
         }
     }
 
-    /// Alarms so far that begin at `line` or later; the last one may still grow.
+    /// Alarms so far that begin at `line` or later; the last ones may still grow.
     pub fn since(&self, line: usize) -> impl Iterator<Item = &Alarm> {
-        let settled = self.done.partition_point(|alarm| alarm.first_line < line);
-        self.done[settled..].iter().chain(self.open.as_ref().filter(move |open| open.first_line >= line))
+        self.done.iter().chain(&self.open).filter(move |alarm| alarm.first_line >= line)
     }
 
     /// All alarms.
@@ -155,13 +149,26 @@ impl AlarmBuilder {
     }
 }
 
+impl Alarm {
+    /// Goes on with what follows it.
+    fn grow(&mut self, next: Self) {
+        self.last_line = next.last_line;
+        self.first_column = self.first_column.min(next.first_column);
+        self.last_column = self.last_column.max(next.last_column);
+        self.signs.join(&next.signs);
+        if next.peak_score > self.peak_score {
+            (self.peak_score, self.wire) = (next.peak_score, next.wire);
+        }
+    }
+}
+
 /// How far behind an alarm may end and still be joined by one that comes later, in lines.
 pub fn reach_lines(pitch_mm: f64) -> usize {
     ((ALARM_GAP_MM + WIRE_GAP_MM) / pitch_mm).ceil() as usize
 }
 
-/// Merges alarms into defects: those of one wire and its neighbours from pass to pass, of one strand nearby, and of different views at the
-/// same place of the rope. A strand has so many wires.
+/// Merges alarms into defects: those of one wire and its neighbours from pass to pass, of one strand nearby, and of different strands at the same
+/// place of the rope. A strand has so many wires.
 pub fn merge(mut alarms: Vec<Alarm>, wires: usize, pitch_mm: f64) -> Vec<Defect> {
     alarms.sort_by_key(|a| (a.first_line, a.view));
     let lines = |mm: f64| (mm / pitch_mm).round() as usize;
@@ -174,8 +181,8 @@ pub fn merge(mut alarms: Vec<Alarm>, wires: usize, pitch_mm: f64) -> Vec<Defect>
                 let wires_apart = a.wire.abs_diff(alarm.wire);
                 apart <= if wires_apart.min(wires.abs_diff(wires_apart)) <= 1 { wire_gap_lines } else { gap_lines }
             } else {
-                let one_place = a.signs.apart_rad(&alarm.signs).is_none_or(|apart_rad| apart_rad <= VIEWS_AGREE_RAD);
-                apart <= gap_lines / 3 && a.view != alarm.view && one_place
+                let one_place = a.signs.apart_rad(&alarm.signs).is_none_or(|apart_rad| apart_rad <= ONE_PLACE_RAD);
+                apart <= gap_lines / 3 && one_place
             }
         };
         let mut joined = Defect { alarms: vec![alarm.clone()] };
@@ -222,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn breaks_on_opposite_sides_of_the_rope_at_one_metre_are_two_defects() {
+    fn breaks_on_different_sides_of_the_rope_at_one_metre_are_two_defects() {
         let towards = |view, strand, angle: f64| {
             let signs = Signs { direction: angle.sin_cos(), ..Signs::default() };
             Alarm { signs, ..alarm(view, 100, 130, strand, 15.0) }
@@ -233,6 +240,8 @@ mod tests {
             1,
             "both see one place between them"
         );
+        assert_eq!(merge(vec![towards(0, 1, 0.5), towards(0, 2, 0.9)], 9, 0.1).len(), 1, "on their border");
+        assert_eq!(merge(vec![towards(0, 1, -0.1), towards(0, 2, 0.9)], 9, 0.1).len(), 2, "on either strand");
     }
 
     #[test]
@@ -260,7 +269,7 @@ mod tests {
             places: 45,
         };
         let mut builder = AlarmBuilder::new(0, 4.0, 0.1);
-        let shows = |columns| move |_| Look { columns, ..Look::default() };
+        let shows = |columns| move |_, _| Look { columns, ..Look::default() };
         builder.add(0, 20, &scores(vec![1.0, 2.0, 3.0, 6.0]), 0.2, shows((10, 12)));
         builder.add(20, 20, &scores(vec![5.0, f32::NAN, 1.0, 1.0]), 0.2, shows((8, 11)));
         builder.add(2000, 10, &scores(vec![9.0, 1.0]), 0.2, shows((7, 7)));
@@ -268,5 +277,30 @@ mod tests {
         assert_eq!(alarms.len(), 2);
         assert_eq!((alarms[0].first_line, alarms[0].last_line), (15, 24));
         assert_eq!((alarms[0].first_column, alarms[0].last_column, alarms[0].wire), (8, 12, 1));
+    }
+
+    #[test]
+    fn a_gap_beside_a_longer_defect_of_another_strand_is_an_alarm_of_its_own() {
+        // Three strands of ten places in 60 blocks: the first over the threshold everywhere, the last in two blocks.
+        let mut cells = vec![1.0f32; 60 * 30];
+        (0..60).for_each(|block| cells[block * 30 + 4] = 30.0);
+        (20..22).for_each(|block| cells[block * 30 + 27] = 15.0);
+        let scores = StretchScores {
+            added: Vec::new(),
+            looks: Vec::new(),
+            cells,
+            visibility: Vec::new(),
+            peaks: vec![(0, 4); 60],
+            blocks: vec![30.0; 60],
+            block_lines: 5,
+            places: 10,
+        };
+        let towards = |strand: usize| Signs { direction: (2.0 * strand as f64).sin_cos(), ..Signs::default() };
+        let mut builder = AlarmBuilder::new(0, 12.0, 0.1);
+        builder.add(1000, 300, &scores, 0.2, |_, peak| Look { columns: (0, 9), signs: towards(peak.strand) });
+        let defects = merge(builder.finish(), 9, 0.1);
+        let extents: Vec<_> =
+            defects.iter().map(|d| (d.first_line(), d.last_line(), d.peak().unwrap().strand)).collect();
+        assert_eq!(extents, [(1000, 1299, 0), (1100, 1109, 2)]);
     }
 }

@@ -63,6 +63,17 @@ pub struct Looked {
     pub likely: Likely,
 }
 
+/// The highest place of a strand in a block.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Peak {
+    /// The strand.
+    pub strand: usize,
+    /// The place among those of the strand.
+    pub place: usize,
+    /// What the block scores there.
+    pub score: f32,
+}
+
 /// Scores of a stretch in one view.
 #[derive(Debug, Clone)]
 pub struct StretchScores {
@@ -107,6 +118,23 @@ impl StretchScores {
             self.cells[block * row + strand * self.places + place]
         };
         self.peaks.iter().enumerate().map(at).collect()
+    }
+
+    /// The peak of a block, then those of other strands, of all that score over a threshold. What lowers a block for being alone lowers them,
+    /// too; what lasts on the strand of the peak raises no other.
+    pub fn peaks_over(&self, block: usize, threshold: f64) -> Vec<Peak> {
+        let (strand, place) = self.peaks[block];
+        let row = self.cells.len() / self.peaks.len().max(1);
+        let cells = &self.cells[block * row..(block + 1) * row];
+        let highest = Peak { strand, place, score: self.blocks[block] };
+        let lowered = cells.get(strand * self.places + place).map_or(0.0, |top| (top - highest.score).max(0.0));
+        let others = cells.chunks_exact(self.places).enumerate().filter(|&(other, _)| other != strand);
+        let others = others.filter_map(|(strand, cells)| {
+            let known = cells.iter().copied().enumerate().filter(|(_, score)| !score.is_nan());
+            let (place, score) = known.max_by(|a, b| a.1.total_cmp(&b.1))?;
+            Some(Peak { strand, place, score: score - lowered })
+        });
+        std::iter::once(highest).chain(others).filter(|peak| f64::from(peak.score) > threshold).collect()
     }
 
     /// Adds what the closer look found to what factors found, once that of all views was joined and is as high as it lasts.
@@ -282,6 +310,24 @@ mod tests {
         assert_eq!((scores.cells[4 * 2 + 1], scores.cells[4 * 3 + 1], scores.cells[4 + 1]), (6.0, 6.0, 4.0));
         assert_eq!((scores.peaks[2], scores.peaks[3]), ((0, 1), (0, 2)), "where the sum is highest");
         assert!(scores.blocks[3] - scores.blocks[2] > 7.9 && scores.cells[4 * 4 + 1].is_nan());
+    }
+
+    #[test]
+    fn every_strand_over_a_threshold_has_a_peak_and_what_lasts_on_one_raises_no_other() {
+        // Two strands of two places.
+        let scores = |block: f32| StretchScores {
+            cells: vec![7.0, 20.0, 13.0, f32::NAN],
+            blocks: vec![block],
+            peaks: vec![(0, 1)],
+            places: 2,
+            ..stretch(&[])
+        };
+        let peak = |strand, place, score| Peak { strand, place, score };
+        assert_eq!(scores(20.0).peaks_over(0, 12.0), [peak(0, 1, 20.0), peak(1, 0, 13.0)]);
+        assert_eq!(scores(20.0).peaks_over(0, 13.0), [peak(0, 1, 20.0)]);
+        assert_eq!(scores(17.0).peaks_over(0, 9.0), [peak(0, 1, 17.0), peak(1, 0, 10.0)], "lowered alike");
+        assert_eq!(scores(31.0).peaks_over(0, 14.0), [peak(0, 1, 31.0)], "raised alone");
+        assert_eq!(scores(f32::NAN).peaks_over(0, 1.0), []);
     }
 
     #[test]
