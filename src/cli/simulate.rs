@@ -169,6 +169,9 @@ pub(crate) struct SimulateArgs {
     /// Number of defects, of every kind in turn unless --defect-kind says which [default: 0]
     #[arg(long, value_name = "N", help_heading = "Defects")]
     defects: Option<usize>,
+    /// So many of them at one metre of the rope, on strands of their own [default: 1]
+    #[arg(long, value_name = "N", help_heading = "Defects")]
+    defects_at_once: Option<usize>,
     /// The kind that all defects are of
     #[arg(long, value_name = "KIND", value_parser = defect_kinds(), help_heading = "Defects")]
     defect_kind: Option<DefectKind>,
@@ -222,7 +225,7 @@ impl SimulateArgs {
         take!(strand_jitter_rad, line_pitch_mm, frame_lines, sensor_px, rope_width_px, camera_distance_mm, start_m);
         take!(gray_noise, contour_noise_px, bad_columns, oscillation_px, encoder_jitter_mm, dirt, oil_spots_per_m);
         take!(water, scratches_per_m, debris_per_m, exposure, light_drift, vignetting, defects, defect_free_m);
-        take!(gloss, lamp_spread, blur_px, defect_variety);
+        take!(gloss, lamp_spread, blur_px, defects_at_once, defect_variety);
         recipe.defect_kind = self.defect_kind;
         if let Some(views) = self.views {
             recipe.view_angles_deg = Recipe::evenly_spaced(views);

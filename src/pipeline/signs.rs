@@ -38,7 +38,7 @@ impl<'a> Looker<'a> {
     }
 
     /// What a strand over the threshold shows in the middle line of a block. Its highest place may lie just beside what that line shows: then
-    /// nothing is told but the nearest column.
+    /// nothing is told but where that is.
     pub fn look(&mut self, block: usize, Peak { strand, place, .. }: Peak, threshold: f64) -> Look {
         let (seen, scores, gray) = (self.seen, self.scores, self.gray);
         let camera = seen.camera;
@@ -58,40 +58,34 @@ impl<'a> Looker<'a> {
             let apart = other.abs_diff(place);
             apart.min(scores.places - apart)
         };
-        let mut columns: Option<(usize, usize)> = None;
-        let mut nearest = (true, usize::MAX, seen.view.axis_px[line] as usize);
+        let mut columns = Columns::default();
         let mut over_places = vec![false; scores.places];
-        let (mut wire, mut beside, mut over, mut peak_columns) = (Grays::default(), Grays::default(), 0.0, (0.0, 0.0));
+        let (mut wire, mut beside, mut over) = (Grays::default(), Grays::default(), 0.0);
         map.for_each(line, seen.view.axis_px[line], |point| {
             let at = |row: &[u8], bins: &[f32; 256]| bins[usize::from(row[point.column])];
             let here = at(row, bins);
             let deviation = f64::from(here - gray.expected_at(point.theta, point.cell));
             let change = f64::from((here - at(past_row, past_bins)).abs());
-            let on_wire = point.strand == strand && apart(point.place) <= PLACES_PER_WIRE / 2;
-            nearest = nearest.min((point.strand != strand, apart(point.place), point.column));
+            let on_strand = point.strand == strand;
+            let on_wire = on_strand && apart(point.place) <= PLACES_PER_WIRE / 2;
             if deviation.is_finite() {
                 if on_wire { wire.add(deviation, change) } else { beside.add(deviation, change) }
             }
-            if on_wire {
-                peak_columns = (peak_columns.0 + point.column as f64, peak_columns.1 + 1.0);
-            }
-            if point.strand == strand && scores.cells[first + strand * scores.places + point.place] >= limit {
+            let is_over = on_strand && scores.cells[first + strand * scores.places + point.place] >= limit;
+            if is_over {
                 over += 1.0;
                 over_places[point.place] = true;
-                columns = Some(
-                    columns.map_or((point.column, point.column), |(a, b)| (a.min(point.column), b.max(point.column))),
-                );
+            }
+            if on_strand {
+                columns.add(point.column, apart(point.place), is_over);
             }
         });
-        let Some(columns) = columns else {
-            return Look { columns: (nearest.2, nearest.2), ..Look::default() };
+        let (direction, column) = towards(&seen, line, strand, columns.of_peak());
+        let Some(columns) = columns.over else {
+            return Look { columns: (column, column), signs: Signs { direction, ..Signs::default() } };
         };
         let length_mm = scores.block_lines as f64 * seen.pitch_mm;
         let wires = over_places.iter().filter(|over| **over).count() as f64 / PLACES_PER_WIRE as f64;
-        let angle_rad = (peak_columns.1 > 0.0).then(|| {
-            let aside_mm = (peak_columns.0 / peak_columns.1 - f64::from(seen.view.axis_px[line])) / camera.px_per_mm;
-            camera.angle_rad + (2.0 * aside_mm / seen.rope.diameter_mm()).clamp(-1.0, 1.0).asin()
-        });
         Look {
             columns,
             signs: Signs {
@@ -101,11 +95,53 @@ impl<'a> Looker<'a> {
                 wire,
                 beside,
                 beyond_outline_mm: beyond_outline_mm(&seen, contour, line),
-                direction: angle_rad.map_or((0.0, 0.0), f64::sin_cos),
+                direction,
                 likely: scores.likely(block, strand),
             },
         }
     }
+}
+
+/// Columns of a line that show a strand.
+#[derive(Default)]
+struct Columns {
+    /// First and last that are over the threshold.
+    over: Option<(usize, usize)>,
+    /// Those nearest to the peak: how many places away, the sum of them, and their number.
+    nearest: Option<(usize, f64, f64)>,
+}
+
+impl Columns {
+    fn add(&mut self, column: usize, places_from_peak: usize, over: bool) {
+        if over {
+            self.over = Some(self.over.map_or((column, column), |(a, b)| (a.min(column), b.max(column))));
+        }
+        // All of the wire is as near as can be.
+        let away = places_from_peak.saturating_sub(PLACES_PER_WIRE / 2);
+        match &mut self.nearest {
+            Some((nearest, ..)) if *nearest < away => {}
+            Some((nearest, sum, n)) if *nearest == away => (*sum, *n) = (*sum + column as f64, *n + 1.0),
+            nearest => *nearest = Some((away, column as f64, 1.0)),
+        }
+    }
+
+    /// Where the peak is, or what is shown of the strand nearest to it.
+    fn of_peak(&self) -> Option<f64> {
+        self.nearest.map(|(_, sum, n)| sum / n)
+    }
+}
+
+/// Sine and cosine of the direction round the rope of what a column shows, and that column. A strand that other views show may just be out of
+/// sight in this one: then it lies where it was found to be.
+fn towards(seen: &AlignedView<'_>, line: usize, strand: usize, column: Option<f64>) -> ((f64, f64), usize) {
+    let (axis_px, camera) = (f64::from(seen.view.axis_px[line]), seen.camera);
+    let radius_px = camera.px_per_mm * seen.rope.diameter_mm() / 2.0;
+    let aside_rad = match column {
+        Some(column) => ((column - axis_px) / radius_px).clamp(-1.0, 1.0).asin(),
+        None => strand_phase_rad(seen, line, strand) - camera.angle_rad,
+    };
+    let column = column.unwrap_or(axis_px + radius_px * aside_rad.sin()) as usize;
+    ((camera.angle_rad + aside_rad).sin_cos(), column.min(seen.view.image.width() - 1))
 }
 
 /// How far the rope's edge is outside the model's outline, beyond what it usually is about there; 0 where it is not seen.
@@ -126,9 +162,7 @@ fn beyond_outline_mm(seen: &AlignedView<'_>, contour: &ModelContour, line: usize
 
 /// How far the lower and the upper edge are outside the outline of the model; NaN where they were not seen.
 fn outside_px(seen: &AlignedView<'_>, contour: &ModelContour, line: usize) -> (f64, f64) {
-    let knots = &seen.estimates.strand_phases_rad;
-    let knot = (line / seen.estimates.knot_lines.max(1)) * seen.rope.strands();
-    let phase = knots.get(knot).map_or(f64::NAN, |phase| phase - seen.camera.angle_rad);
+    let phase = strand_phase_rad(seen, line, 0) - seen.camera.angle_rad;
     let edge = |edges: &[f32]| edges.get(line).map_or(f64::NAN, |&e| f64::from(e - seen.view.axis_px[line]));
     if !phase.is_finite() {
         return (f64::NAN, f64::NAN);
@@ -136,4 +170,27 @@ fn outside_px(seen: &AlignedView<'_>, contour: &ModelContour, line: usize) -> (f
     let (lower, upper) = (edge(&seen.view.contours.lower_px), edge(&seen.view.contours.upper_px));
     let (model_lower, model_upper) = contour.edges_px(phase);
     (model_lower - lower, upper - model_upper)
+}
+
+/// Phase of a strand at a line, in rope axes; NaN if it is not known.
+fn strand_phase_rad(seen: &AlignedView<'_>, line: usize, strand: usize) -> f64 {
+    let knot = line / seen.estimates.knot_lines.max(1);
+    let phases = &seen.estimates.strand_phases_rad;
+    phases.get(knot * seen.rope.strands() + strand).copied().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_peak_is_where_its_wire_is_or_what_is_nearest_to_it_on_its_strand() {
+        let mut columns = Columns::default();
+        assert_eq!(columns.of_peak(), None);
+        columns.add(90, 9, false);
+        assert_eq!((columns.of_peak(), columns.over), (Some(90.0), None));
+        (100..=104).zip([2, 1, 0, 1, 2]).for_each(|(column, away)| columns.add(column, away, away == 1));
+        columns.add(105, 3, true);
+        assert_eq!((columns.of_peak(), columns.over), (Some(102.0), Some((101, 105))));
+    }
 }

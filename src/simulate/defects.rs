@@ -90,6 +90,9 @@ pub struct Defect {
 /// Longest reach of a defect from its middle in mm.
 pub const REACH_MM: f64 = 80.0;
 
+/// Farthest that a defect lies after the one before it at the same metre, in mm.
+const BESIDE_MM: f64 = 8.0;
+
 /// Plants the defects of a scene's recipe: every kind in turn or the one that is asked for, in places that at least one camera can see.
 pub fn plant(scene: &Scene) -> Vec<Defect> {
     let recipe = scene.recipe();
@@ -102,23 +105,33 @@ pub fn plant(scene: &Scene) -> Vec<Defect> {
         round.shuffle(&mut rng);
         kinds.extend(round);
     }
-    let room_mm = (recipe.metres - recipe.defect_free_m) * 1000.0 / count.max(1) as f64;
+    let room_mm = (recipe.metres - recipe.defect_free_m) * 1000.0 / recipe.defect_sites().max(1) as f64;
     let slack_mm = room_mm - METRES_PER_DEFECT * 1000.0;
+    // Where the last defect lies, and the strands of those at its metre.
+    let (mut last_mm, mut taken) = (0.0, Vec::new());
     (0..count)
         .map(|id| {
             let kind = kinds[id];
+            let (site, at_site) = (id / recipe.defects_at_once, id % recipe.defects_at_once);
             let severity = 0.15 + 0.85 * rng.random::<f64>();
             let (wave, turn) = (rng.random::<f64>(), rng.random::<f64>());
-            let centre_mm = recipe.defect_free_m * 1000.0
-                + id as f64 * room_mm
+            let site_mm = recipe.defect_free_m * 1000.0
+                + site as f64 * room_mm
                 + METRES_PER_DEFECT * 500.0
                 + slack_mm.max(0.0) * wave;
+            let centre_mm = if at_site == 0 { site_mm } else { last_mm + BESIDE_MM * wave };
+            last_mm = centre_mm;
+            if at_site == 0 {
+                taken.clear();
+            }
             // the strand that faces a camera (within 50 degrees), and its outermost wire
             let view = rng.random_range(0..scene.views());
             let facing = scene.view_angle_rad(view) + (turn - 0.5) * 1.7;
-            let strand = nearest(rope.strands(), facing, |j| scene.strand_phase_rad(j, centre_mm));
+            let free = (0..rope.strands()).filter(|j| !taken.contains(j));
+            let strand = nearest(free, facing, |j| scene.strand_phase_rad(j, centre_mm));
+            taken.push(strand);
             let outward = scene.strand_phase_rad(strand, centre_mm);
-            let wire = nearest(rope.wires(), outward, |i| {
+            let wire = nearest(0..rope.wires(), outward, |i| {
                 scene.wires[strand].phase_rad(centre_mm) + i as f64 * rope.wire_step_rad()
             });
             let half_mm = match kind {
@@ -145,10 +158,10 @@ pub fn plant(scene: &Scene) -> Vec<Defect> {
         .collect()
 }
 
-/// Index of the phase nearest to `wanted`.
-fn nearest(n: usize, wanted: f64, phase: impl Fn(usize) -> f64) -> usize {
+/// Which of them has the phase nearest to `wanted`.
+fn nearest(of: impl Iterator<Item = usize>, wanted: f64, phase: impl Fn(usize) -> f64) -> usize {
     let away = |k: usize| wrap(phase(k) - wanted).abs();
-    (0..n).min_by(|&a, &b| away(a).total_cmp(&away(b))).unwrap_or(0)
+    of.min_by(|&a, &b| away(a).total_cmp(&away(b))).unwrap_or(0)
 }
 
 /// The defects that may reach x in `from_mm..=to_mm`, each with its index.
@@ -233,6 +246,24 @@ mod tests {
             near(planted, planted[3].centre_mm, planted[3].centre_mm).iter().filter(|(i, _)| *i == 3).count(),
             1
         );
+    }
+
+    #[test]
+    fn defects_at_one_metre_lie_on_strands_of_their_own_along_the_rope() {
+        let recipe =
+            Recipe { defects: 9, defects_at_once: 4, defect_free_m: 1.0, metres: 2.0, ..Recipe::photographic() };
+        let scene = Scene::new(&recipe, 3).unwrap();
+        let planted = scene.defects();
+        assert!(planted.is_sorted_by(|a, b| a.centre_mm <= b.centre_mm) && planted.len() == 9);
+        for site in planted.chunks(4) {
+            let mut strands: Vec<usize> = site.iter().map(|d| d.strand).collect();
+            strands.sort_unstable();
+            strands.dedup();
+            assert_eq!(strands.len(), site.len(), "{site:?}");
+            assert!(site.windows(2).all(|w| w[1].centre_mm - w[0].centre_mm <= BESIDE_MM));
+        }
+        assert!(planted[4].centre_mm - planted[3].centre_mm > 100.0 && planted[8].centre_mm < 2000.0);
+        assert!(Scene::new(&Recipe { defects_at_once: 7, ..recipe }, 3).is_err(), "there are six strands");
     }
 
     #[test]

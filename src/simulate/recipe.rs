@@ -105,6 +105,8 @@ pub struct Recipe {
     pub background: Background,
     /// Number of defects planted.
     pub defects: usize,
+    /// So many of them lie at one metre of the rope, on strands of their own.
+    pub defects_at_once: usize,
     /// The kind that all of them are of; every kind in turn if there is none.
     pub defect_kind: Option<DefectKind>,
     /// No defect before this many metres (the training part).
@@ -156,6 +158,7 @@ impl Recipe {
             bad_columns: 1,
             background: Background::Dark,
             defects: 0,
+            defects_at_once: 1,
             defect_kind: None,
             defect_free_m: 0.0,
             defect_variety: 0.0,

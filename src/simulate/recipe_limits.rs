@@ -39,10 +39,15 @@ pub enum RecipeError {
     },
 }
 
-/// Rope that a defect has for itself, in m: the longest (a missing wire) and a margin.
+/// Rope that a defect has for itself, or with those at the same metre, in m: the longest (a missing wire) and a margin.
 pub const METRES_PER_DEFECT: f64 = 0.15;
 
 impl Recipe {
+    /// Metres of the rope that have defects.
+    pub(super) fn defect_sites(&self) -> usize {
+        self.defects.div_ceil(self.defects_at_once.max(1))
+    }
+
     /// Checks every option. Errors: all that is wrong with the design, or the first option out of its interval.
     pub fn validate(&self) -> Result<Rope, RecipeError> {
         let rope = RopeDesign {
@@ -86,6 +91,7 @@ impl Recipe {
             ("light_drift", self.light_drift, 0.0, 0.9),
             ("vignetting", self.vignetting, 0.0, 0.9),
             ("bad_columns", self.bad_columns as f64, 0.0, f64::from(self.sensor_px) / 8.0),
+            ("defects_at_once", self.defects_at_once as f64, 1.0, self.strands as f64),
             ("defect_free_m", self.defect_free_m, 0.0, self.metres),
             ("defect_variety", self.defect_variety, 0.0, 1.0),
         ];
@@ -99,7 +105,7 @@ impl Recipe {
                 return Err(RecipeError::OutOfRange { option: "angle_deg", value: angle, min: -360.0, max: 360.0 });
             }
         }
-        let (needed_m, left_m) = (self.defects as f64 * METRES_PER_DEFECT, self.metres - self.defect_free_m);
+        let (needed_m, left_m) = (self.defect_sites() as f64 * METRES_PER_DEFECT, self.metres - self.defect_free_m);
         if needed_m > left_m {
             return Err(RecipeError::NoRoomForDefects {
                 defects: self.defects,

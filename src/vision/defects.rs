@@ -10,9 +10,9 @@ const DEFECT_GAP_MM: f64 = 15.0;
 /// Alarms of one wire nearer than this have one cause: on the inner side of its strand nobody sees it. So have those of the wires beside it:
 /// where one is missing, what shows may be taken for its neighbour.
 const WIRE_GAP_MM: f64 = 40.0;
-/// Alarms on different strands that are farther apart round the rope have nothing to do with each other. A choice: three quarters of the way from
-/// one strand of six to the next, because damage on the border of two strands lies less than half of it from either.
-const ONE_PLACE_RAD: f64 = std::f64::consts::FRAC_PI_4;
+/// Alarms on different strands that are farther apart round the rope have nothing to do with each other. A choice: half way from one strand of
+/// six to the next, because damage on the border of two strands lies near to it in both.
+const ONE_PLACE_RAD: f64 = std::f64::consts::FRAC_PI_6;
 
 /// A run of lines of one view in which a strand is over the threshold.
 #[derive(Debug, Clone, PartialEq)]
