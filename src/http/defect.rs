@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-/// A run of lines of one view above the threshold.
+/// A run of lines of one view in which one strand is above the threshold.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Alarm {
     /// The view.

@@ -4,7 +4,8 @@
 use super::Acquisition;
 use super::detection::defect_row;
 use super::results::{DefectRow, LayLengthRow};
-use crate::vision::defects::{Alarm, AlarmBuilder, merge, reach_lines};
+use crate::vision::defects::{Alarm, AlarmBuilder};
+use crate::vision::merging::{merge, reach_lines};
 
 /// What one or more stretches brought.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,7 +3,8 @@
 //! Stored scores do not tell strands apart, so alarms of two strands at one place count as one place here.
 
 use super::reinspection::{context_lines, lines_to_look_at};
-use crate::vision::defects::{AlarmBuilder, Look, merge};
+use crate::vision::defects::{AlarmBuilder, Look};
+use crate::vision::merging::merge;
 use crate::vision::stretch_scores::StretchScores;
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;

@@ -60,7 +60,7 @@ pub struct WireEstimate {
     pub score: Option<f64>,
 }
 
-/// A run of lines of one view under the threshold.
+/// A run of lines of one view in which one strand is over the threshold.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmRow {
     /// The view.

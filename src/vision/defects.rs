@@ -1,19 +1,10 @@
-//! From scores to alarms to defects: runs of lines over the threshold, merged over lines, wires and views.
+//! From scores to alarms: runs of lines in which a strand is over the threshold; and what alarms of one cause say together.
 
 use super::kind::{Figures, Signs};
 use super::stretch_scores::{Peak, StretchScores};
 
 /// Alarms of one strand in one view nearer than this along the rope are one.
-const ALARM_GAP_MM: f64 = 4.0;
-/// Alarms of one strand nearer than this along the rope have one cause.
-const DEFECT_GAP_MM: f64 = 15.0;
-/// Alarms of one wire nearer than this have one cause: on the inner side of its strand nobody sees it. So have those of the wires beside it:
-/// where one is missing, what shows may be taken for its neighbour.
-const WIRE_GAP_MM: f64 = 40.0;
-/// Alarms on different strands that are farther apart round the rope have nothing to do with each other. A choice: half way from one strand of
-/// six to the next, because damage on the border of two strands lies near to it in both.
-const ONE_PLACE_RAD: f64 = std::f64::consts::FRAC_PI_6;
-
+pub(super) const ALARM_GAP_MM: f64 = 4.0;
 /// A run of lines of one view in which a strand is over the threshold.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alarm {
@@ -162,99 +153,9 @@ impl Alarm {
     }
 }
 
-/// How far behind an alarm may end and still be joined by one that comes later, in lines.
-pub fn reach_lines(pitch_mm: f64) -> usize {
-    ((ALARM_GAP_MM + WIRE_GAP_MM) / pitch_mm).ceil() as usize
-}
-
-/// Merges alarms into defects: those of one wire and its neighbours from pass to pass, of one strand nearby, and of different strands at the same
-/// place of the rope. A strand has so many wires.
-pub fn merge(mut alarms: Vec<Alarm>, wires: usize, pitch_mm: f64) -> Vec<Defect> {
-    alarms.sort_by_key(|a| (a.first_line, a.view));
-    let lines = |mm: f64| (mm / pitch_mm).round() as usize;
-    let (gap_lines, wire_gap_lines) = (lines(DEFECT_GAP_MM), lines(WIRE_GAP_MM));
-    let mut defects: Vec<Defect> = Vec::new();
-    for alarm in alarms {
-        let near = |a: &Alarm| {
-            let apart = alarm.first_line.saturating_sub(a.last_line);
-            if a.strand == alarm.strand {
-                let wires_apart = a.wire.abs_diff(alarm.wire);
-                apart <= if wires_apart.min(wires.abs_diff(wires_apart)) <= 1 { wire_gap_lines } else { gap_lines }
-            } else {
-                let one_place = a.signs.apart_rad(&alarm.signs).is_none_or(|apart_rad| apart_rad <= ONE_PLACE_RAD);
-                apart <= gap_lines / 3 && one_place
-            }
-        };
-        let mut joined = Defect { alarms: vec![alarm.clone()] };
-        let mut k = 0;
-        while k < defects.len() {
-            if defects[k].alarms.iter().any(near) {
-                joined.alarms.splice(0..0, defects.remove(k).alarms);
-            } else {
-                k += 1;
-            }
-        }
-        defects.push(joined);
-    }
-    defects.sort_by_key(Defect::first_line);
-    defects
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn alarm(view: usize, first_line: usize, last_line: usize, strand: usize, peak_score: f64) -> Alarm {
-        Alarm {
-            view,
-            first_line,
-            last_line,
-            first_column: 0,
-            last_column: 1,
-            peak_score,
-            strand,
-            wire: 0,
-            signs: Signs::default(),
-        }
-    }
-
-    #[test]
-    fn one_break_seen_by_two_views_is_one_defect_and_another_strand_far_away_is_not() {
-        let alarms = vec![alarm(0, 100, 150, 2, 5.0), alarm(1, 110, 160, 2, 7.0), alarm(0, 5000, 5010, 2, 6.0)];
-        let defects = merge(alarms, 9, 0.1);
-        assert_eq!(defects.len(), 2);
-        assert_eq!(defects[0].alarms.len(), 2);
-        assert_eq!(defects[0].peak().unwrap().view, 1);
-        assert_eq!((defects[0].first_line(), defects[0].last_line()), (100, 160));
-    }
-
-    #[test]
-    fn breaks_on_different_sides_of_the_rope_at_one_metre_are_two_defects() {
-        let towards = |view, strand, angle: f64| {
-            let signs = Signs { direction: angle.sin_cos(), ..Signs::default() };
-            Alarm { signs, ..alarm(view, 100, 130, strand, 15.0) }
-        };
-        assert_eq!(merge(vec![towards(0, 1, 0.2), towards(2, 4, 3.3)], 9, 0.1).len(), 2);
-        assert_eq!(
-            merge(vec![towards(0, 1, 0.7), towards(1, 2, 1.0)], 9, 0.1).len(),
-            1,
-            "both see one place between them"
-        );
-        assert_eq!(merge(vec![towards(0, 1, 0.5), towards(0, 2, 0.9)], 9, 0.1).len(), 1, "on their border");
-        assert_eq!(merge(vec![towards(0, 1, -0.1), towards(0, 2, 0.9)], 9, 0.1).len(), 2, "on either strand");
-    }
-
-    #[test]
-    fn a_missing_wire_is_one_defect_although_nobody_sees_it_between_its_passes() {
-        let of_wire = |first_line, wire| Alarm { wire, ..alarm(0, first_line, first_line + 300, 3, 15.0) };
-        let passes = [of_wire(48400, 2), of_wire(49020, 2), of_wire(49680, 2)];
-        assert_eq!(merge(passes.to_vec(), 9, 0.1).len(), 1);
-        // A neighbour may stand for it, also where numbers begin again.
-        assert_eq!(merge(vec![of_wire(48400, 0), of_wire(49020, 8), of_wire(49680, 0)], 9, 0.1).len(), 1);
-        // Another wire of the strand that far away is another matter, and so is the same one farther away.
-        assert_eq!(merge(vec![of_wire(48400, 2), of_wire(49020, 5)], 9, 0.1).len(), 2);
-        assert_eq!(merge(vec![of_wire(48400, 2), of_wire(49200, 2)], 9, 0.1).len(), 2);
-    }
 
     #[test]
     fn blocks_over_the_threshold_form_alarms_across_stretches() {
@@ -295,12 +196,10 @@ mod tests {
             block_lines: 5,
             places: 10,
         };
-        let towards = |strand: usize| Signs { direction: (2.0 * strand as f64).sin_cos(), ..Signs::default() };
         let mut builder = AlarmBuilder::new(0, 12.0, 0.1);
-        builder.add(1000, 300, &scores, 0.2, |_, peak| Look { columns: (0, 9), signs: towards(peak.strand) });
-        let defects = merge(builder.finish(), 9, 0.1);
-        let extents: Vec<_> =
-            defects.iter().map(|d| (d.first_line(), d.last_line(), d.peak().unwrap().strand)).collect();
-        assert_eq!(extents, [(1000, 1299, 0), (1100, 1109, 2)]);
+        builder.add(1000, 300, &scores, 0.2, |_, _| Look::default());
+        let alarms = builder.finish();
+        let extents: Vec<_> = alarms.iter().map(|a| (a.first_line, a.last_line, a.strand)).collect();
+        assert_eq!(extents, [(1100, 1109, 2), (1000, 1299, 0)], "in the order in which they end");
     }
 }

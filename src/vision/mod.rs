@@ -100,7 +100,7 @@
 //! - [`lasting`]: what is rare because it lasts
 //! - [`judging`]: all of that, or parts of it, down to the paper's [`mean_filter`]
 //! - [`tail`]: where an alarm begins; [`known_tail`]: what other ropes say of it
-//! - [`defects`]: alarms of one cause, merged
+//! - [`defects`]: runs of lines over the threshold, strand by strand; [`merging`] makes defects of those that have one cause
 
 mod agreement;
 pub mod aligner;
@@ -154,6 +154,7 @@ pub mod margins;
 pub mod mean_filter;
 mod measured;
 mod measuring;
+pub mod merging;
 pub mod model_contour;
 mod noise_scale;
 pub mod outline_detail;
