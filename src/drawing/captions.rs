@@ -46,7 +46,12 @@ fn scores(defect: &DefectRow, threshold: Option<f64>) -> String {
     if let Some(threshold) = threshold {
         scores += &format!(", alarms begin above {threshold:.1}");
     }
-    let others: Vec<_> = alarms.iter().skip(1).map(|a| format!("{:.1} in view {}", a.peak_score, a.view)).collect();
+    let elsewhere = |alarm: &AlarmRow| match alarm.strand {
+        Some(strand) if defect.strand.is_some_and(|of_peak| of_peak != strand) => format!(" on strand {strand}"),
+        _ => String::new(),
+    };
+    let other = |a: &&AlarmRow| format!("{:.1} in view {}{}", a.peak_score, a.view, elsewhere(a));
+    let others: Vec<_> = alarms.iter().skip(1).map(other).collect();
     if !others.is_empty() {
         scores += &format!("; further alarms: {}", others.join(", "));
     }
@@ -61,6 +66,7 @@ mod tests {
     fn defect(kind: Kind) -> DefectRow {
         let alarm = |view, peak_score| AlarmRow {
             view,
+            strand: Some(2),
             first_line: 0,
             last_line: 9,
             first_column: 0,

@@ -14,6 +14,9 @@ use uuid::Uuid;
 pub struct Alarm {
     /// The view.
     view: usize,
+    /// The strand; null in inspections of before alarms had one.
+    #[schema(required)]
+    strand: Option<usize>,
     /// First line.
     first_line: usize,
     /// Last line.
@@ -22,7 +25,7 @@ pub struct Alarm {
     first_column: usize,
     /// Last column.
     last_column: usize,
-    /// Highest line score in it.
+    /// Highest score of the strand in it.
     peak_score: f64,
 }
 
@@ -30,6 +33,7 @@ impl From<AlarmRow> for Alarm {
     fn from(a: AlarmRow) -> Self {
         Self {
             view: a.view,
+            strand: a.strand,
             first_line: a.first_line,
             last_line: a.last_line,
             first_column: a.first_column,
@@ -75,7 +79,7 @@ pub struct Decision {
     at: Option<String>,
 }
 
-/// Alarms of one cause, merged over lines, wires and views.
+/// Alarms of one cause, merged over lines, wires, strands and views.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Defect {
     /// Id.

@@ -39,7 +39,8 @@ pub struct Suggestion {
     kind: DefectKind,
     /// Why, in words.
     why: String,
-    /// Length of what is over the threshold along the rope, in the view with the peak, reach of the filters included.
+    /// Length of what is over the threshold along the rope, in the view and on the strand with the peak, reach of the filters
+    /// included.
     length_mm: f64,
     /// Mean width of it across the wires, in wires.
     width_wires: f64,

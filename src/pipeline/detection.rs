@@ -15,7 +15,7 @@ use crate::vision::evidence::block_lines;
 use crate::vision::inspection_model::{AlignedView, Seen, ViewAppearance};
 use crate::vision::judging::Judging;
 use crate::vision::margins::{MARGIN_BLOCKS, fill_between};
-use crate::vision::merging::merge;
+use crate::vision::merging::{OneCause, merge};
 use crate::vision::stretch_scores::StretchScores;
 use crate::vision::surface_map::PLACES_PER_WIRE;
 use rayon::prelude::*;
@@ -208,9 +208,9 @@ impl<'a> Detection<'a> {
             order.into_iter().enumerate().for_each(|(place, row)| rows[row].rank = Some(place + 1));
             rows
         };
-        let (wires, pitch_mm) = (self.acquisition.rope.wires(), self.acquisition.line_pitch_mm);
+        let one_cause = OneCause::on(&self.acquisition.rope, self.acquisition.line_pitch_mm);
         let merged = |builders: Vec<AlarmBuilder>| {
-            merge(builders.into_iter().flat_map(AlarmBuilder::finish).collect(), wires, pitch_mm)
+            merge(builders.into_iter().flat_map(AlarmBuilder::finish).collect(), &one_cause)
         };
         let defects = merged(self.builders);
         let again = self.again.map(|(_, builders)| beside(merged(builders), &defects));
@@ -261,6 +261,7 @@ pub(super) fn defect_row(acquisition: &Acquisition, id: usize, defect: &Defect) 
             .iter()
             .map(|a| AlarmRow {
                 view: a.view,
+                strand: Some(a.strand),
                 first_line: a.first_line,
                 last_line: a.last_line,
                 first_column: a.first_column,
@@ -277,7 +278,7 @@ mod tests {
     use crate::vision::kind::Signs;
 
     #[test]
-    fn a_place_that_another_view_shows_is_no_part_of_a_defect_at_the_same_metre() {
+    fn a_place_that_another_view_or_strand_shows_is_no_part_of_a_defect_at_the_same_metre() {
         let alarm = |view, first_line, last_line, strand| Alarm {
             view,
             first_line,
@@ -288,6 +289,7 @@ mod tests {
             strand,
             wire: 0,
             signs: Signs::default(),
+            ends: [(0.0, 0.0); 2],
         };
         let missing_wire = Defect { alarms: vec![alarm(0, 1000, 2500, 1), alarm(1, 1100, 2400, 1)] };
         let wider = Defect { alarms: vec![alarm(0, 950, 2600, 1), alarm(1, 1050, 2500, 1), alarm(2, 990, 1010, 1)] };

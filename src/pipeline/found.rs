@@ -5,7 +5,7 @@ use super::Acquisition;
 use super::detection::defect_row;
 use super::results::{DefectRow, LayLengthRow};
 use crate::vision::defects::{Alarm, AlarmBuilder};
-use crate::vision::merging::{merge, reach_lines};
+use crate::vision::merging::{OneCause, merge, reach_lines};
 
 /// What one or more stretches brought.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,7 +37,7 @@ impl DefectsSoFar {
     /// Looks at the alarms of all views when everything before `next_line` was taken.
     pub fn look(&mut self, acquisition: &Acquisition, builders: &[AlarmBuilder], next_line: usize) -> FoundDefects {
         let alarms: Vec<Alarm> = builders.iter().flat_map(|b| b.since(self.settled_line)).cloned().collect();
-        let defects = merge(alarms, acquisition.rope.wires(), acquisition.line_pitch_mm);
+        let defects = merge(alarms, &OneCause::on(&acquisition.rope, acquisition.line_pitch_mm));
         let reach = reach_lines(acquisition.line_pitch_mm);
         // From where on alarms are looked at again: no defect may lie on both sides, for numbers follow the rope.
         let mut open_from = next_line;
@@ -119,7 +119,7 @@ mod tests {
                 assert!(told[1].to_m < 0.101, "as far as it was seen: {:?}", told[1]);
             }
         }
-        let whole = merge(builders.pop().unwrap().finish(), 9, 0.1);
+        let whole = merge(builders.pop().unwrap().finish(), &OneCause::on(&acquisition.rope, 0.1));
         let whole: Vec<DefectRow> = whole.iter().enumerate().map(|(n, d)| defect_row(&acquisition, n, d)).collect();
         assert_eq!(told, whole);
         assert_eq!(whole.len(), 5);

@@ -4,7 +4,7 @@
 
 use super::reinspection::{context_lines, lines_to_look_at};
 use crate::vision::defects::{AlarmBuilder, Look};
-use crate::vision::merging::merge;
+use crate::vision::merging::{OneCause, merge};
 use crate::vision::stretch_scores::StretchScores;
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
@@ -88,7 +88,7 @@ impl ScoreCourse {
         let alarms = builder.finish();
         let extents = alarms.iter().map(|a| (a.first_line, a.last_line));
         let reinspect_m = self.metres(lines_to_look_at(extents, self.pitch_mm, first_line));
-        let places = merge(alarms, usize::MAX, self.pitch_mm) // as many wires as there may be runs
+        let places = merge(alarms, &OneCause::of_runs(self.pitch_mm))
             .iter()
             .map(|d| Place {
                 first_line: d.first_line(),

@@ -65,6 +65,9 @@ pub struct WireEstimate {
 pub struct AlarmRow {
     /// The view.
     pub view: usize,
+    /// The strand; `None` in results of before alarms had one.
+    #[serde(default)]
+    pub strand: Option<usize>,
     /// First line.
     pub first_line: usize,
     /// Last line.
@@ -73,7 +76,7 @@ pub struct AlarmRow {
     pub first_column: usize,
     /// Last column.
     pub last_column: usize,
-    /// Highest line score in it.
+    /// Highest score of the strand in it.
     pub peak_score: f64,
 }
 
@@ -113,11 +116,12 @@ pub struct Suggestion {
     pub kind: Kind,
     /// Why, in words.
     pub why: String,
-    /// Length of what is over the threshold along the rope in mm, in the view with the peak, reach of the filters included.
+    /// Length of what is over the threshold along the rope in mm, in the view and on the strand with the peak, reach of the
+    /// filters included.
     pub length_mm: f64,
     /// Mean width of it across the wires, in wires.
     pub width_wires: f64,
-    /// Surface of it as that view sees it, in mm2.
+    /// Surface of it as that view sees it on all strands, in mm2.
     pub area_mm2: f64,
     /// Mean deviation from the expected gray on the wire with the peak, in steps of the 32 of the model's gray scale; negative is darker.
     pub gray_steps: f64,
@@ -160,7 +164,7 @@ pub enum Level {
     LookAgain,
 }
 
-/// Alarms of one cause, merged over lines, wires and views.
+/// Alarms of one cause, merged over lines, wires, strands and views.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DefectRow {
     /// Number within the inspection, from 0: defects along the rope, then places to look at again along it.

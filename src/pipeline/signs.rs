@@ -94,7 +94,7 @@ impl<'a> Looker<'a> {
                 area_mm2: length_mm * over / camera.px_per_mm,
                 wire,
                 beside,
-                beyond_outline_mm: beyond_outline_mm(&seen, contour, line),
+                beyond_outline_mm: beyond_outline_mm(&seen, contour, line, strand),
                 direction,
                 likely: scores.likely(block, strand),
             },
@@ -144,20 +144,21 @@ fn towards(seen: &AlignedView<'_>, line: usize, strand: usize, column: Option<f6
     ((camera.angle_rad + aside_rad).sin_cos(), column.min(seen.view.image.width() - 1))
 }
 
-/// How far the rope's edge is outside the model's outline, beyond what it usually is about there; 0 where it is not seen.
-fn beyond_outline_mm(seen: &AlignedView<'_>, contour: &ModelContour, line: usize) -> f64 {
+/// How far the rope's edge on a strand's side is outside the model's outline, beyond what it usually is about there; 0 where it is not seen, and
+/// for a strand that faces the camera, because others make the outline.
+fn beyond_outline_mm(seen: &AlignedView<'_>, contour: &ModelContour, line: usize, strand: usize) -> f64 {
+    let aside = (strand_phase_rad(seen, line, strand) - seen.camera.angle_rad).sin();
+    if aside.abs() < (seen.rope.strand_step_rad() / 2.0).sin() {
+        return 0.0;
+    }
+    let edge = |(lower, upper): (f64, f64)| if aside < 0.0 { lower } else { upper };
     let reach = (OUTLINE_MM / seen.pitch_mm) as usize;
     let lines = line.saturating_sub(reach)..(line + reach + 1).min(seen.view.image.lines());
-    let beyond = |edge: fn((f64, f64)) -> f64| {
-        let here = edge(outside_px(seen, contour, line));
-        let mut about: Vec<f64> =
-            lines.clone().step_by(OUTLINE_EVERY).map(|k| edge(outside_px(seen, contour, k))).collect();
-        about.retain(|px| px.is_finite());
-        about.sort_by(f64::total_cmp);
-        about.get(about.len() / 2).map_or(0.0, |usual| here - usual)
-    };
-    let px = [beyond(|e| e.0), beyond(|e| e.1)].into_iter().filter(|px| px.is_finite()).fold(0.0, f64::max);
-    px / seen.camera.px_per_mm
+    let beyond = |line: usize| edge(outside_px(seen, contour, line));
+    let mut about: Vec<f64> = lines.step_by(OUTLINE_EVERY).map(beyond).filter(|px| px.is_finite()).collect();
+    about.sort_by(f64::total_cmp);
+    let px = about.get(about.len() / 2).map_or(0.0, |usual| beyond(line) - usual);
+    if px.is_finite() { px.max(0.0) / seen.camera.px_per_mm } else { 0.0 }
 }
 
 /// How far the lower and the upper edge are outside the outline of the model; NaN where they were not seen.

@@ -93,7 +93,8 @@ pub const REACH_MM: f64 = 80.0;
 /// Farthest that a defect lies after the one before it at the same metre, in mm.
 const BESIDE_MM: f64 = 8.0;
 
-/// Plants the defects of a scene's recipe: every kind in turn or the one that is asked for, in places that at least one camera can see.
+/// Plants the defects of a scene's recipe: every kind in turn or the one that is asked for, in places that at least one camera can see; of several at
+/// one metre, those beyond the strands that cameras face may be out of sight.
 pub fn plant(scene: &Scene) -> Vec<Defect> {
     let recipe = scene.recipe();
     let rope = scene.rope();

@@ -5,6 +5,7 @@ use super::stretch_scores::{Peak, StretchScores};
 
 /// Alarms of one strand in one view nearer than this along the rope are one.
 pub(super) const ALARM_GAP_MM: f64 = 4.0;
+
 /// A run of lines of one view in which a strand is over the threshold.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alarm {
@@ -18,7 +19,7 @@ pub struct Alarm {
     pub first_column: usize,
     /// Last column.
     pub last_column: usize,
-    /// Highest line score.
+    /// Highest score of the strand.
     pub peak_score: f64,
     /// The strand.
     pub strand: usize,
@@ -26,6 +27,8 @@ pub struct Alarm {
     pub wire: usize,
     /// What it shows.
     pub signs: Signs,
+    /// Sine and cosine of the direction round the rope that it points to at its first and at its last line; 0 if that is not known.
+    pub ends: [(f64, f64); 2],
 }
 
 /// What a strand over the threshold shows in a block.
@@ -119,6 +122,7 @@ impl AlarmBuilder {
                     strand: peak.strand,
                     wire: (peak.place as f64 * wires_per_place) as usize,
                     signs,
+                    ends: [signs.direction; 2],
                 };
                 match self.open.iter_mut().find(|open| open.strand == peak.strand) {
                     Some(open) => open.grow(here),
@@ -141,12 +145,28 @@ impl AlarmBuilder {
 }
 
 impl Alarm {
+    /// Angle round the rope, 0 to pi, between the places that two alarms point to at a line; `None` if either is not known.
+    pub fn apart_rad(&self, other: &Self, line: usize) -> Option<f64> {
+        let ((sin, cos), (other_sin, other_cos)) = (self.towards(line), other.towards(line));
+        let lengths = sin.hypot(cos) * other_sin.hypot(other_cos);
+        (lengths > 0.0).then(|| ((sin * other_sin + cos * other_cos) / lengths).clamp(-1.0, 1.0).acos())
+    }
+
+    /// The direction at a line: between those at its ends, for a strand winds.
+    fn towards(&self, line: usize) -> (f64, f64) {
+        let lines = (self.last_line - self.first_line).max(1) as f64;
+        let share = (line.saturating_sub(self.first_line) as f64 / lines).min(1.0);
+        let [(sin, cos), (last_sin, last_cos)] = self.ends;
+        (sin + share * (last_sin - sin), cos + share * (last_cos - cos))
+    }
+
     /// Goes on with what follows it.
     fn grow(&mut self, next: Self) {
         self.last_line = next.last_line;
         self.first_column = self.first_column.min(next.first_column);
         self.last_column = self.last_column.max(next.last_column);
         self.signs.join(&next.signs);
+        self.ends[1] = next.ends[1];
         if next.peak_score > self.peak_score {
             (self.peak_score, self.wire) = (next.peak_score, next.wire);
         }
@@ -200,6 +220,6 @@ mod tests {
         builder.add(1000, 300, &scores, 0.2, |_, _| Look::default());
         let alarms = builder.finish();
         let extents: Vec<_> = alarms.iter().map(|a| (a.first_line, a.last_line, a.strand)).collect();
-        assert_eq!(extents, [(1100, 1109, 2), (1000, 1299, 0)], "in the order in which they end");
+        assert_eq!(extents, [(1100, 1109, 2), (1000, 1299, 0)], "those that end first come first");
     }
 }

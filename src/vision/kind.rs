@@ -107,13 +107,6 @@ impl Signs {
         self.likely = self.likely.joined(&other.likely);
     }
 
-    /// Angle round the rope between what both show, 0 to pi; `None` if either has no direction.
-    pub fn apart_rad(&self, other: &Self) -> Option<f64> {
-        let ((sin, cos), (other_sin, other_cos)) = (self.direction, other.direction);
-        let lengths = sin.hypot(cos) * other_sin.hypot(other_cos);
-        (lengths > 0.0).then(|| ((sin * other_sin + cos * other_cos) / lengths).clamp(-1.0, 1.0).acos())
-    }
-
     /// The figures of a defect; `None` if nothing was seen.
     pub fn figures(&self) -> Option<Figures> {
         let some = self.length_mm > 0.0 && self.wire.pixels > 0.0 && self.beside.change > 0.0;

@@ -267,7 +267,15 @@ fn lay_length(acquisition: &Acquisition, view: Option<usize>, frame: usize) -> L
 
 /// The defect that the toy engine finds in every rope.
 fn defect(acquisition: &Acquisition) -> DefectRow {
-    let alarm = AlarmRow { view: 0, first_line: 40, last_line: 44, first_column: 10, last_column: 20, peak_score: 9.0 };
+    let alarm = AlarmRow {
+        view: 0,
+        strand: Some(2),
+        first_line: 40,
+        last_line: 44,
+        first_column: 10,
+        last_column: 20,
+        peak_score: 9.0,
+    };
     DefectRow {
         id: 0,
         level: Level::Alarm,
@@ -294,8 +302,15 @@ fn defect(acquisition: &Acquisition) -> DefectRow {
 
 /// The place that it would look at again: the last line.
 fn look_again(acquisition: &Acquisition, line: usize) -> DefectRow {
-    let alarm =
-        AlarmRow { view: 0, first_line: line, last_line: line, first_column: 4, last_column: 5, peak_score: 5.0 };
+    let alarm = AlarmRow {
+        view: 0,
+        strand: Some(2),
+        first_line: line,
+        last_line: line,
+        first_column: 4,
+        last_column: 5,
+        peak_score: 5.0,
+    };
     DefectRow {
         id: 1,
         level: Level::LookAgain,
