@@ -106,6 +106,10 @@ mod tests {
                 "likely missing wire: dark over 4 mm; 6 mm2 over the threshold"
             ]
         );
+        let mut on_a_border = defect(Kind::MissingWire);
+        on_a_border.alarms[0].strand = Some(3);
+        let captions = Captions::of(&on_a_border, "track 1", "nobody decided yet", None);
+        assert_eq!(captions.facts[1], "score 9.0 in view 1; further alarms: 7.5 in view 0 on strand 3");
         let unclear = Captions::of(&defect(Kind::Unclear), "track 1", "dismissed", None);
         assert!(unclear.facts[2].starts_with("kind unclear: "), "{:?}", unclear.facts);
     }

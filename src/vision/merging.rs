@@ -8,6 +8,7 @@ const DEFECT_GAP_MM: f64 = 15.0;
 /// Alarms of one wire nearer than this have one cause: on the inner side of its strand nobody sees it. So have those of the wires beside it:
 /// where one is missing, what shows may be taken for its neighbour.
 const WIRE_GAP_MM: f64 = 40.0;
+
 /// How far behind an alarm may end and still be joined by one that comes later, in lines.
 pub fn reach_lines(pitch_mm: f64) -> usize {
     ((ALARM_GAP_MM + WIRE_GAP_MM) / pitch_mm).ceil() as usize
