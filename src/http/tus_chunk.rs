@@ -77,7 +77,10 @@ pub async fn receive(
     };
     let (archive, arrival, checksum) = match checked.await {
         Ok(checked) => checked,
-        Err(problem) => return Err(super::upload::refuse(problem, &mut stream, app.settings.limits.frame_bytes).await),
+        Err(problem) => {
+            super::upload::drain(&mut stream, app.settings.limits.frame_bytes).await;
+            return Err(problem);
+        }
     };
     let mut chunk = Chunk { app: &app, archive: &archive, received: archive.received.unsigned_abs() };
     let poured = chunk.pour(&mut stream, &arrival, checksum).await;

@@ -47,7 +47,8 @@ pub struct Arrived<T> {
 }
 
 /// Receives the body of a frame. `check` runs before the first byte is taken. A refused body is read to its end (within bounds)
-/// and thrown away, for a client that still sends often cannot hear the answer.
+/// and thrown away, for a client that still sends often cannot hear the answer; what had arrived of it, its room and its turn are
+/// given up before.
 pub async fn receive<T>(
     app: &App,
     headers: &HeaderMap,
@@ -55,52 +56,59 @@ pub async fn receive<T>(
     place: FramePlace,
     check: impl AsyncFnOnce() -> Result<(T, Promise), Problem>,
 ) -> Result<Arrived<T>, Problem> {
-    let limits = app.settings.limits;
     let arrival = app.arrivals.begin(place);
     let mut stream = body.into_data_stream();
-    let checked = async {
-        let (context, promise) = check().await?;
-        let digest = expected_digest(headers)?.map(|digest| hex(&digest));
-        check_type(headers)?;
-        if let (Some(sent), Some(announced)) = (&digest, &promise.sha256)
-            && sent != announced
-        {
-            return Err(not_as_announced(sent, announced));
-        }
-        let limit = promise.bytes.unwrap_or(limits.frame_bytes).min(limits.frame_bytes);
-        let length = headers.get(header::CONTENT_LENGTH).and_then(|v| v.to_str().ok()).and_then(|v| v.parse().ok());
-        if let Some(length) = length.filter(|&length: &u64| length > limit) {
-            return Err(too_large(length, limit));
-        }
-        let foreseen = length.or(promise.bytes);
-        let room = Room::take(app, Id(place.0), foreseen.unwrap_or(0)).await?;
-        let permit = tokio::time::timeout(TURN, app.uploads.clone().acquire_owned()).await;
-        let permit = permit
-            .map_err(|_| Problem::busy(format!("{} frames are being received already", limits.uploads)))?
-            .map_err(Problem::failure)?;
-        Ok((context, digest.or(promise.sha256), limit, foreseen, room, permit))
+    let problem = match take(app, headers, &mut stream, place, &arrival, check).await {
+        Ok(arrived) => return Ok(arrived),
+        Err(problem) => problem,
     };
-    let (context, digest, limit, foreseen, room, _permit) = match checked.await {
-        Ok(checked) => checked,
-        Err(problem) => return Err(refuse(problem, &mut stream, limits.frame_bytes).await),
-    };
+    tokio::select! {
+        () = drain(&mut stream, app.settings.limits.frame_bytes) => {}
+        () = arrival.ended() => {} // the client has begun anew: it does not listen here any more
+    }
+    Err(problem)
+}
+
+async fn take<T>(
+    app: &App,
+    headers: &HeaderMap,
+    stream: &mut BodyDataStream,
+    place: FramePlace,
+    arrival: &Arrival,
+    check: impl AsyncFnOnce() -> Result<(T, Promise), Problem>,
+) -> Result<Arrived<T>, Problem> {
+    let limits = app.settings.limits;
+    let (context, promise) = check().await?;
+    let digest = expected_digest(headers)?.map(|digest| hex(&digest));
+    check_type(headers)?;
+    if let (Some(sent), Some(announced)) = (&digest, &promise.sha256)
+        && sent != announced
+    {
+        return Err(not_as_announced(sent, announced));
+    }
+    let limit = promise.bytes.unwrap_or(limits.frame_bytes).min(limits.frame_bytes);
+    let length = headers.get(header::CONTENT_LENGTH).and_then(|v| v.to_str().ok()).and_then(|v| v.parse().ok());
+    if let Some(length) = length.filter(|&length: &u64| length > limit) {
+        return Err(too_large(length, limit));
+    }
+    let foreseen = length.or(promise.bytes);
+    let room = Room::take(app, Id(place.0), foreseen.unwrap_or(0)).await?;
+    let permit = tokio::time::timeout(TURN, app.uploads.clone().acquire_owned()).await;
+    let _permit = permit
+        .map_err(|_| Problem::busy(format!("{} frames are being received already", limits.uploads)))?
+        .map_err(Problem::failure)?;
     let folder = app.store.folder().uploads();
     let file = tokio::task::spawn_blocking(move || NamedTempFile::new_in(folder));
     let file = file.await.map_err(Problem::failure)?.map_err(|e| not_written(app, e))?;
     let writer = tokio::fs::File::from_std(file.as_file().try_clone().map_err(Problem::failure)?);
-    let pour = pour(app, &mut stream, writer, limit, room, &arrival);
+    let pour = pour(app, stream, writer, limit, room, arrival);
     let received = tokio::select! {
         received = tokio::time::timeout(limits.upload_timeout, pour) => received,
         () = arrival.ended() => return Err(Problem::superseded("a newer request sends the same frame, and this one was silent")),
     };
-    let received = received.unwrap_or_else(|_| {
-        Err(Problem::too_slow(format!("the body took longer than {} s", limits.upload_timeout.as_secs())))
-    });
-    let (sha256, bytes) = match received {
-        Ok(received) => received,
-        Err(problem) => return Err(refuse(problem, &mut stream, limits.frame_bytes).await),
-    };
-    if let Some(expected) = digest
+    let too_slow = |_| Problem::too_slow(format!("the body took longer than {} s", limits.upload_timeout.as_secs()));
+    let (sha256, bytes) = received.map_err(too_slow)??;
+    if let Some(expected) = digest.or(promise.sha256)
         && expected != sha256
     {
         return Err(Problem::digest_mismatch(format!(
@@ -149,7 +157,7 @@ async fn pour(
 }
 
 /// Lets a refused client finish sending, so that it reads the answer; but no more than another body's worth.
-pub async fn refuse(problem: Problem, stream: &mut BodyDataStream, limit: u64) -> Problem {
+pub async fn drain(stream: &mut BodyDataStream, limit: u64) {
     let drain = async {
         let mut left = limit * 2;
         while let Some(Ok(chunk)) = stream.next().await {
@@ -160,7 +168,6 @@ pub async fn refuse(problem: Problem, stream: &mut BodyDataStream, limit: u64) -
         }
     };
     let _ = tokio::time::timeout(Duration::from_secs(30), drain).await;
-    problem
 }
 
 fn not_written(app: &App, source: std::io::Error) -> Problem {

@@ -164,6 +164,28 @@ async fn a_frame_that_hangs_is_given_up_when_the_client_sends_it_again() {
 }
 
 #[tokio::test]
+async fn a_frame_that_was_given_up_leaves_nothing_while_its_client_may_still_send() {
+    let app = TestApp::start_with(|s| s.limits.body_gap = Duration::from_millis(300)).await;
+    let id = app.admin.acquisition(&app.admin.rope().await, &[Some(1)]).await;
+    let (stale, sender) = hanging(&app.admin, &format!("acquisitions/{id}/views/0/frames/0"));
+    sender.send(png(0)[..100].to_vec()).await.unwrap();
+    let uploads = app.data.path().join("uploads");
+    let half_done = || std::fs::read_dir(&uploads).unwrap().count();
+    let within = std::time::Instant::now() + Duration::from_secs(5);
+    while half_done() == 0 && std::time::Instant::now() < within {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(half_done(), 1, "it was begun");
+    tokio::time::sleep(Duration::from_millis(1300)).await;
+    assert_eq!(half_done(), 0, "given up");
+    assert!(!stale.is_finished(), "its client might still send");
+    // The client gives it up, too: nobody waits for the old request any more.
+    app.admin.put_frame(&id, 0, 0, png(0)).await.ok(201);
+    let stale = tokio::time::timeout(Duration::from_secs(5), stale).await.expect("it was ended").unwrap();
+    stale.problem(408, "too-slow");
+}
+
+#[tokio::test]
 async fn a_token_revoked_while_its_frame_arrives_stores_nothing() {
     let app = TestApp::start().await;
     let id = app.admin.acquisition(&app.admin.rope().await, &[Some(1)]).await;
