@@ -8,7 +8,8 @@ use super::evidence::blocks;
 use super::expected_row::ExpectedRow;
 use super::inspection_model::{AlignedView, Beside};
 use super::surface::StrandSpan;
-use super::surface_map::SurfaceMap;
+use super::surface_map::{SurfaceMap, whole};
+use super::wide::wide;
 
 /// Rope between two rows, and between two columns, in mm.
 const STEP_MM: f64 = 0.1;
@@ -171,24 +172,36 @@ impl<'a> Details<'a> {
         let moved_px = lines_on * spot.slope_px + view.axis_px[line] - spot.axis_px;
         let first = spot.column + moved_px - step_px * self.side as f32 / 2.0;
         let back_px = (line as f32 - looked_up as f32) * spot.slope_px + view.axis_px[line] - view.axis_px[looked_up];
-        let (pixels, scale) = (view.image.line(line), scale.fine(line));
-        let last = pixels.len() as f32 - 1.0;
-        let values = &mut self.values[row * self.side * LAYERS..(row + 1) * self.side * LAYERS];
-        for (k, values) in values.chunks_exact_mut(LAYERS).enumerate() {
-            let at = first + k as f32 * step_px;
-            if !(at >= 0.0 && at < last) {
-                continue;
-            }
-            let (left, share) = (at as usize, at.fract());
-            let [a, b] = [left, left + 1].map(|column| scale[usize::from(pixels[column])]);
-            let gray = a + share * (b - a);
-            values[0] = gray / GRAY_BINS - 1.0;
-            let at = at - back_px;
-            if at >= 0.0 && at < last {
-                let (left, share) = (at as usize, at.fract());
-                let expected = self.expected[left] + share * (self.expected[left + 1] - self.expected[left]);
-                values[1] = if expected.is_nan() { 0.0 } else { (gray - expected) / DEVIATION_BINS };
-            }
+        let row = &mut self.values[row * self.side * LAYERS..(row + 1) * self.side * LAYERS];
+        let (pixels, scale, expected) = (view.image.line(line), scale.fine(line), &self.expected);
+        wide(
+            #[inline(always)]
+            || cut(row, (first, step_px), back_px, (pixels, scale), expected),
+        );
+    }
+}
+
+/// Fills a row of a detail with the gray at columns `first`, `first + step_px`, ..., and with how far it is above what is expected `back_px`
+/// columns before. Gray between two pixels lies between theirs.
+#[inline(always)]
+fn cut(
+    row: &mut [f32],
+    (first, step_px): (f32, f32),
+    back_px: f32,
+    (pixels, scale): (&[u8], &[f32; 256]),
+    expected: &[f32],
+) {
+    let last = pixels.len() as f32 - 1.0;
+    let between = |at: f32| (at >= 0.0 && at < last).then(|| (whole(at) as usize, at - whole(at) as i32 as f32));
+    for (k, values) in row.as_chunks_mut::<LAYERS>().0.iter_mut().enumerate() {
+        let at = first + k as f32 * step_px;
+        let Some((left, share)) = between(at) else { continue };
+        let [a, b] = [left, left + 1].map(|column| scale[usize::from(pixels[column])]);
+        let gray = a + share * (b - a);
+        values[0] = gray / GRAY_BINS - 1.0;
+        if let Some((left, share)) = between(at - back_px) {
+            let expected = expected[left] + share * (expected[left + 1] - expected[left]);
+            values[1] = if expected.is_nan() { 0.0 } else { (gray - expected) / DEVIATION_BINS };
         }
     }
 }

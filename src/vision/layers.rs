@@ -8,9 +8,10 @@ const KERNEL: usize = 3;
 /// What negative values count after every layer.
 const LEAK: f32 = 0.1;
 
-/// Channels of a result that are summed up together.
-const LANES: usize = 8;
-/// Columns of a result that are: weights that were fetched serve all of them.
+/// Channels of a result that are summed up together: two wide registers of them.
+const LANES: usize = 16;
+/// Columns of a result that are: weights that were fetched serve all of them. With two registers each there are enough sums under way for
+/// a processor to begin one with every unit in every cycle.
 const COLUMNS: usize = 4;
 
 /// A convolution to `K` channels.
@@ -118,12 +119,13 @@ impl<const K: usize> Convolution<K> {
     }
 }
 
-/// Adds values times weights to the sums of all columns.
+/// Adds values times weights to the sums of all columns, multiplied and added in one step: twice as fast, and rounded in the same way on every
+/// processor.
 #[inline(always)]
 fn add(sums: &mut [[f32; LANES]; COLUMNS], weights: &[[f32; LANES]], [a, b, c, d]: [&[f32]; COLUMNS]) {
     for ((((weights, a), b), c), d) in weights.iter().zip(a).zip(b).zip(c).zip(d) {
         for (sums, value) in sums.iter_mut().zip([a, b, c, d]) {
-            sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
+            sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum = value.mul_add(*weight, *sum));
         }
     }
 }
