@@ -123,7 +123,7 @@ fn write(
                     (columns, pixels) = (columns + point.column as f32, pixels + 1.0);
                 }
             });
-            patch.cut(&seen.unrolled, &seen.evidence[1..], block, strand, place / PLACES_PER_WIRE);
+            patch.cut(&seen.unrolled, &seen.evidence, block, strand, place / PLACES_PER_WIRE);
             let log_odds = network.look(&patch, score).log_odds;
             let detail = if what == What::Details { details.about(block - MARGIN_BLOCKS, strand, place) } else { None };
             let values = match what {

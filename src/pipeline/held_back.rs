@@ -7,7 +7,7 @@ use super::folds::fold_of;
 use crate::vision::calibration::CalibrationSums;
 use crate::vision::inspection_model::{AlignedView, Beside, Seen, ViewAppearance};
 use crate::vision::judging::Judging;
-use crate::vision::kept_evidence::{KeptEvidence, KeptImage, KeptSeen};
+use crate::vision::kept_evidence::{KeptImage, KeptSeen};
 use crate::vision::margins::MARGIN_BLOCKS;
 use crate::vision::rope::Rope;
 use crate::vision::stretch_scores::StretchScores;
@@ -67,8 +67,8 @@ impl Held {
     /// Filters every stretch once: every calibration needs the same sums.
     pub fn new(seen: Vec<(usize, KeptSeen)>, pitch_mm: f64) -> Self {
         let of_stretch = |(_, seen): &(usize, KeptSeen)| {
-            let sums = |of: &KeptEvidence| CalibrationSums::of(&of.unpacked(), seen.margin_blocks(), pitch_mm);
-            seen.evidence().iter().map(sums).collect()
+            let seen = seen.unpacked();
+            CalibrationSums::of(&seen.evidence, seen.margin_blocks, pitch_mm)
         };
         let sums = seen.par_iter().map(of_stretch).collect();
         Self { seen, sums }

@@ -2,7 +2,7 @@
 //!
 //! Sums over many pixels vary by chance (variance n) and by what pixels share, dirt and registration (variance shared * n^2).
 
-use super::evidence::{Evidence, FILTERS};
+use super::evidence::{Evidence, FILTERS, FactorSums, UNSEEN};
 use super::filtering::Steps;
 use super::histogram::REGIONS;
 
@@ -45,12 +45,12 @@ impl FilterCalibration {
     /// How far a sum over so many pixels is above the middle of its region, or away from it, in units of that region.
     fn rise(&self, sample: &Sample) -> f32 {
         let level = self.regions[usize::from(sample.region)];
-        let above = (normalised(sample.sum, sample.pixels, self.shared as f32) - level.middle) / level.upward;
+        let above = (normalised(sample.sum, sample.pixels(), self.shared as f32) - level.middle) / level.upward;
         if self.both_ways { above.abs() } else { above }
     }
 }
 
-/// Gathers filtered sums of held-back intact rope, of one factor.
+/// Filtered sums of held-back intact rope, of one factor.
 #[derive(Debug, Clone)]
 pub struct CalibrationSums {
     /// `[filter]`.
@@ -62,8 +62,15 @@ pub struct CalibrationSums {
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     sum: f32,
-    pixels: f32,
+    /// Whole, and few enough: there are millions of samples.
+    pixels: u16,
     region: u8,
+}
+
+impl Sample {
+    fn pixels(&self) -> f32 {
+        self.pixels.into()
+    }
 }
 
 /// Fewest samples that calibrate a filter: two at the rarest level that is read off.
@@ -80,22 +87,32 @@ impl Default for CalibrationSums {
 }
 
 impl CalibrationSums {
-    /// What a stretch of intact rope says, between so many blocks of the stretches before and after it.
-    pub fn of(evidence: &Evidence, margin_blocks: usize, pitch_mm: f64) -> Self {
+    /// What every factor says of a stretch of intact rope, between so many blocks of the stretches before and after it.
+    pub fn of(evidence: &Evidence, margin_blocks: usize, pitch_mm: f64) -> Vec<Self> {
         let itself = margin_blocks..evidence.blocks - margin_blocks;
-        let mut sums = Self { both_ways: evidence.both_ways, ..Self::default() };
-        evidence.filtered(pitch_mm, Steps::Every, |filtered| {
-            if !itself.contains(&filtered.block) {
-                return;
-            }
-            let first = evidence.of(filtered.block, filtered.strand).start;
-            for (k, sum, pixels, region) in filtered.seen() {
-                if (first + k).is_multiple_of(SAMPLE_STRIDE) && pixels > 0.0 {
-                    sums.samples[filtered.filter].push(Sample { sum, pixels, region: region as u8 });
+        let of_factor = |factor: &FactorSums| Self { both_ways: factor.both_ways, ..Self::default() };
+        let mut all: Vec<Self> = evidence.factors.iter().map(of_factor).collect();
+        evidence.filtered(
+            pitch_mm,
+            Steps::Every,
+            |_| true,
+            |filtered| {
+                if !itself.contains(&filtered.block) {
+                    return;
                 }
-            }
-        });
-        sums
+                let of_block = evidence.of(filtered.block, filtered.strand);
+                let first = of_block.start.next_multiple_of(SAMPLE_STRIDE);
+                let places = (first..of_block.end).step_by(SAMPLE_STRIDE).map(|at| at - of_block.start);
+                let kept = |k: &usize| filtered.regions[*k] != UNSEEN && filtered.pixels[*k] > 0.0;
+                for k in places.filter(kept) {
+                    for (factor, sums) in filtered.sums() {
+                        let (sum, pixels, region) = (sums[k], filtered.pixels[k] as u16, filtered.regions[k]);
+                        all[factor].samples[filtered.filter].push(Sample { sum, pixels, region });
+                    }
+                }
+            },
+        );
+        all
     }
 
     /// Adds what another stretch gathered.
@@ -121,14 +138,14 @@ pub(super) fn quantile(values: &mut [f32], share: f64) -> f32 {
 }
 
 fn calibrate(samples: &mut Vec<Sample>, both_ways: bool) -> FilterCalibration {
-    let pixels = quantile(&mut samples.iter().map(|s| s.pixels).collect::<Vec<_>>(), 0.95);
-    samples.retain(|s| s.pixels >= LEAST_SHARE * pixels);
+    let pixels = quantile(&mut samples.iter().map(Sample::pixels).collect::<Vec<_>>(), 0.95);
+    samples.retain(|s| s.pixels() >= LEAST_SHARE * pixels);
     // Variance of the sums = n + shared n^2, by the quartiles, which defects do not reach.
-    let mut means: Vec<f32> = samples.iter().map(|s| s.sum / s.pixels).collect();
+    let mut means: Vec<f32> = samples.iter().map(|s| s.sum / s.pixels()).collect();
     let spread = (quantile(&mut means, 0.75) - quantile(&mut means, 0.25)) / 1.349;
-    let typical = quantile(&mut samples.iter().map(|s| s.pixels).collect::<Vec<_>>(), 0.5);
+    let typical = quantile(&mut samples.iter().map(Sample::pixels).collect::<Vec<_>>(), 0.5);
     let shared = (spread * spread - 1.0 / typical).max(0.0);
-    let regions = region_levels(samples, both_ways, |s| normalised(s.sum, s.pixels, shared));
+    let regions = region_levels(samples, both_ways, |s| normalised(s.sum, s.pixels(), shared));
     let mut calibration = FilterCalibration {
         shared: shared.into(),
         pixels: pixels.into(),
@@ -172,6 +189,7 @@ fn region_levels(samples: &[Sample], both_ways: bool, z: impl Fn(&Sample) -> f32
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vision::evidence::GRAY;
 
     #[test]
     fn stretches_beside_one_are_filtered_with_it_and_calibrate_nothing() {
@@ -183,7 +201,7 @@ mod tests {
             let beside = !(MARGIN..BLOCKS - MARGIN).contains(&(at / PLACES));
             evidence.set(at, if beside { 9.0 } else { 0.0 }, 1.0, 0);
         }
-        let samples = |margin| CalibrationSums::of(&evidence, margin, 0.1).samples;
+        let samples = |margin| CalibrationSums::of(&evidence, margin, 0.1).remove(GRAY).samples;
         for (all, own) in samples(0).iter().zip(&samples(MARGIN)) {
             assert_eq!((all.len(), own.len()), (2 * BLOCKS, 2 * (BLOCKS - 2 * MARGIN)));
             let above = |samples: &[Sample]| samples.iter().filter(|sample| sample.sum > 0.0).count();

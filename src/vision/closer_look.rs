@@ -103,7 +103,7 @@ pub fn look_closer(scores: &mut StretchScores, seen: &Seen, mut details: Details
     let end = seen.unrolled.blocks() - seen.margin_blocks;
     let (mut added, mut looks) = (vec![0.0; scores.cells.len()], Vec::new());
     for suspect in suspects(scores, strands, seen.margin_blocks) {
-        patch.cut(&seen.unrolled, &seen.evidence[1..], suspect.block, suspect.strand, suspect.wire());
+        patch.cut(&seen.unrolled, &seen.evidence, suspect.block, suspect.strand, suspect.wire());
         let mut told = network.look(&patch, suspect.score);
         if suspect.score >= DOUBTFUL.0 && told.log_odds >= DOUBTFUL.1 {
             let block = suspect.block - seen.margin_blocks;

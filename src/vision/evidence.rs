@@ -9,7 +9,7 @@ use super::camera::Camera;
 use super::estimates::Estimates;
 use super::factor::Factor;
 use super::grain::Grain;
-use super::histogram::{Histogram, region};
+use super::histogram::Histogram;
 use super::lost_lines::LostLines;
 use super::residuals::{self, Residuals};
 use super::rope::Rope;
@@ -42,8 +42,11 @@ pub const FILTERS: [Filter; 3] = [
 ];
 /// Region of places that no pixel fell into.
 pub const UNSEEN: u8 = u8::MAX;
+/// Number of the gray value among the factors.
+pub const GRAY: usize = 0;
 
-/// Sums of scores of a stretch in one view, `[(strand * blocks + block) * places + place]`: filters run strand by strand.
+/// Sums of the scores of every factor of a stretch in one view, `[(strand * blocks + block) * places + place]`: filters run strand by strand.
+/// Factors are numbered: the gray value is [`GRAY`], further ones follow it.
 #[derive(Debug, Clone)]
 pub struct Evidence {
     /// Lines per block.
@@ -54,14 +57,22 @@ pub struct Evidence {
     pub strands: usize,
     /// Places per strand.
     pub places: usize,
-    /// Whether sums far below zero are as unusual as sums far above.
-    pub(super) both_ways: bool,
-    pub(super) sums: Vec<f32>,
+    pub(super) factors: Vec<FactorSums>,
+    /// Pixels whose gray value has a score. Of further factors every place that is seen has one.
     pub(super) counts: Vec<f32>,
     /// Region of the surface that the place shows in this view; [`UNSEEN`] where no pixel fell.
     pub(super) regions: Vec<u8>,
     /// Blocks that were not judged because lines were lost. What another view says of them is not this view's.
     pub(super) lost: Vec<bool>,
+}
+
+/// What one factor says of a stretch in one view.
+#[derive(Debug, Clone, Default)]
+pub(super) struct FactorSums {
+    /// Whether sums far below zero are as unusual as sums far above.
+    pub both_ways: bool,
+    /// Sums of scores; 0 where nothing is told.
+    pub sums: Vec<f32>,
 }
 
 /// Lines per block for a line pitch.
@@ -134,28 +145,23 @@ pub fn learn(
 }
 
 impl Evidence {
-    /// Scores a further factor of the appearance at every place of the unrolled rope.
-    pub fn of_factor(residuals: &Residuals, factor: Factor, usual: &Usual) -> Self {
-        let (blocks, strands, places) = (residuals.blocks, residuals.strands, residuals.places);
-        let mut evidence = Self::empty(residuals.block_lines, blocks, strands, places);
-        evidence.both_ways = factor.both_ways();
+    /// Scores a further factor of the appearance at every place of the unrolled rope, and adds it to the factors.
+    pub(super) fn add_factor(&mut self, residuals: &Residuals, factor: Factor, usual: &Usual) {
+        let mut sums = vec![0.0; self.regions.len()];
         residuals.for_each_strand(factor, |at, cells, values| {
-            let counted = evidence.sums[at.clone()].iter_mut().zip(&mut evidence.counts[at.clone()]);
-            let places = counted.zip(&mut evidence.regions[at]);
-            for (((sum, count), of_region), (&cell, &value)) in places.zip(cells.iter().zip(values)) {
+            for (sum, (&cell, &value)) in sums[at].iter_mut().zip(cells.iter().zip(values)) {
                 if cell == residuals::UNSEEN {
                     continue;
                 }
+                // What cannot be told says nothing, neither for nor against the place.
                 let score = usual.above(cell as usize, value);
-                if score.is_finite() {
-                    (*sum, *count, *of_region) = (score, 1.0, region(cell as usize)); // once a place
-                }
+                *sum = if score.is_finite() { score } else { 0.0 };
             }
         });
-        evidence
+        self.factors.push(FactorSums { both_ways: factor.both_ways(), sums });
     }
 
-    /// Empty evidence of so many blocks.
+    /// Evidence of so many blocks in which nothing is seen, of the gray value alone.
     pub(super) fn empty(block_lines: usize, blocks: usize, strands: usize, places: usize) -> Self {
         let len = blocks * strands * places;
         Self {
@@ -163,17 +169,16 @@ impl Evidence {
             blocks,
             strands,
             places,
-            both_ways: false,
-            sums: vec![0.0; len],
+            factors: vec![FactorSums { both_ways: false, sums: vec![0.0; len] }],
             counts: vec![0.0; len],
             regions: vec![UNSEEN; len],
             lost: vec![false; blocks],
         }
     }
 
-    /// Sets the sum of scores of a place, the number of its pixels, and the region that it shows.
+    /// Sets the sum of gray scores of a place, the number of its pixels, and the region that it shows.
     pub(super) fn set(&mut self, at: usize, sum: f32, pixels: f32, region: u8) {
-        self.sums[at] = sum;
+        self.factors[GRAY].sums[at] = sum;
         self.counts[at] = pixels;
         self.regions[at] = region;
     }

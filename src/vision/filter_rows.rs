@@ -8,7 +8,7 @@ use std::ops::Range;
 
 /// Sums of one strand from its first block on: whatever lies between two blocks is the difference of two rows. Numbers of pixels are whole
 /// and stay exact; scores, of which a pass has some ten thousand, are off by a thousandth.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Rows {
     values: Vec<f32>,
     /// Values of a row.
@@ -18,13 +18,14 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Sums over `HALF` places to either side of every place of a strand, and over all blocks before.
+    /// Sums over `HALF` places to either side of every place of a strand, and over all blocks before. `read` writes the values of the places of a
+    /// row of the evidence; it is marked `#[inline(always)]`.
     pub fn across<const HALF: usize>(
         &mut self,
         evidence: &Evidence,
         strand: usize,
         blocks: Range<usize>,
-        value: impl Fn(f32, f32) -> f32,
+        read: impl Fn(Range<usize>, &mut [f32]),
     ) {
         let (places, row) = (evidence.places, evidence.row());
         (self.row, self.blocks) = (row, blocks.len());
@@ -36,9 +37,7 @@ impl Rows {
                 let (mut before, mut rows) = self.values.split_at_mut(row);
                 before.fill(0.0);
                 for block in blocks {
-                    let of_block = evidence.of(block, strand);
-                    let from = evidence.sums[of_block.clone()].iter().zip(&evidence.counts[of_block]);
-                    cyclic[HALF..HALF + places].iter_mut().zip(from).for_each(|(to, (&sum, &n))| *to = value(sum, n));
+                    read(evidence.of(block, strand), &mut cyclic[HALF..HALF + places]);
                     for near in 0..HALF {
                         // The last place is beside the first.
                         cyclic[near] = cyclic[places + near];

@@ -3,7 +3,7 @@
 //! More than half of the strands are on the other side of the rope. So it is done strand by strand, for the blocks in which the strand
 //! passes through the view, and what is summed stays in the processor's cache.
 
-use super::evidence::{Evidence, FILTERS, UNSEEN};
+use super::evidence::{Evidence, FILTERS, FactorSums, GRAY, UNSEEN};
 use super::filter_rows::Rows;
 use super::stretch_scores::Visibility;
 use super::surface_map::PLACES_PER_WIRE;
@@ -43,21 +43,21 @@ pub struct Filtered<'a> {
     pub block: usize,
     /// The blocks that it stands for, itself among them.
     pub stands_for: Range<usize>,
-    /// Sums of scores; beyond the last place there are zeros up to a multiple of `TOGETHER`.
-    pub sums: &'a [f32],
-    /// Numbers of pixels; as many.
+    /// Numbers of the factors that were asked.
+    pub factors: &'a [usize],
+    /// Sums of scores, one row a factor; beyond the last place there are zeros up to a multiple of `TOGETHER`.
+    sums: &'a [f32],
+    /// Numbers of pixels; as many as a row has.
     pub pixels: &'a [f32],
     /// Region of the surface that the place itself shows, or [`UNSEEN`].
     pub regions: &'a [u8],
 }
 
 impl Filtered<'_> {
-    /// (place, sum, pixels, region) of every place that is seen itself.
-    pub fn seen(&self) -> impl Iterator<Item = (usize, f32, f32, usize)> {
-        let places = self.sums.iter().zip(self.pixels).zip(self.regions).enumerate();
-        places
-            .filter(|(_, (_, region))| **region != UNSEEN)
-            .map(|(k, ((&sum, &n), &region))| (k, sum, n, usize::from(region)))
+    /// Every factor that was asked, by its number, and the sums of its scores.
+    #[inline(always)]
+    pub fn sums(&self) -> impl Iterator<Item = (usize, &[f32])> {
+        self.factors.iter().copied().zip(self.sums.chunks_exact(self.pixels.len()))
     }
 }
 
@@ -79,24 +79,51 @@ impl Evidence {
         first..first + self.places
     }
 
-    /// Calls `each` with what falls under every filter.
-    pub fn filtered(&self, pitch_mm: f64, steps: Steps, mut each: impl FnMut(Filtered<'_>)) {
+    /// Calls `each` with what falls under every filter, of the factors that are `asked` by their numbers.
+    pub fn filtered(
+        &self,
+        pitch_mm: f64,
+        steps: Steps,
+        asked: impl Fn(usize) -> bool,
+        mut each: impl FnMut(Filtered<'_>),
+    ) {
+        if asked(GRAY) {
+            let counts = |at: Range<usize>, to: &mut [f32]| to.copy_from_slice(&self.counts[at]);
+            self.filtered_together(&[GRAY], counts, pitch_mm, steps, &mut each);
+        }
+        let further: Vec<usize> = (GRAY + 1..self.factors.len()).filter(|&factor| asked(factor)).collect();
+        if !further.is_empty() {
+            let once = |at: Range<usize>, to: &mut [f32]| {
+                let places = to.iter_mut().zip(&self.regions[at]);
+                places.for_each(|(to, &region)| *to = if region == UNSEEN { 0.0 } else { 1.0 });
+            };
+            self.filtered_together(&further, once, pitch_mm, steps, &mut each);
+        }
+    }
+
+    /// The same for factors that share their numbers of pixels, which `count` writes.
+    fn filtered_together(
+        &self,
+        factors: &[usize],
+        count: impl Fn(Range<usize>, &mut [f32]),
+        pitch_mm: f64,
+        steps: Steps,
+        each: &mut impl FnMut(Filtered<'_>),
+    ) {
         let block_mm = self.block_lines as f64 * pitch_mm;
         let farthest = FILTERS.map(|filter| half_blocks(filter.length_mm, block_mm)).into_iter().max().unwrap_or(0);
-        let (mut pixels, mut sums) = (Rows::default(), Rows::default());
-        let (mut under_sums, mut under_pixels) = (vec![0.0f32; self.row()], vec![0.0f32; self.row()]);
+        let (mut pixels, mut sums) = (Rows::default(), vec![Rows::default(); factors.len()]);
+        let row = self.row();
+        let (mut under_sums, mut under_pixels) = (vec![0.0f32; factors.len() * row], vec![0.0f32; row]);
         for (strand, blocks) in self.passes(2 * farthest + 1) {
-            pixels.across::<HALF_PLACES>(self, strand, blocks.clone(), |_, n| n);
+            pixels.across::<HALF_PLACES>(self, strand, blocks.clone(), &count);
             let mut cut_at: Option<f32> = None;
             for (number, filter) in FILTERS.into_iter().enumerate() {
                 // Filters of one cut stand side by side and share what they sum across the wires.
                 if cut_at != Some(filter.cut) {
-                    sums.across::<HALF_PLACES>(self, strand, blocks.clone(), |sum, n| {
-                        let most = filter.cut * n;
-                        let least = if self.both_ways { -most } else { f32::NEG_INFINITY };
-                        let sum = if sum < most { sum } else { most };
-                        if sum > least { sum } else { least }
-                    });
+                    for (rows, &factor) in sums.iter_mut().zip(factors) {
+                        self.sum_across(rows, (strand, &blocks), factor, filter.cut);
+                    }
                 }
                 cut_at = Some(filter.cut);
                 let half = half_blocks(filter.length_mm, block_mm);
@@ -107,20 +134,45 @@ impl Evidence {
                 for first in blocks.clone().step_by(step) {
                     let stands_for = first..(first + step).min(blocks.end);
                     let block = (stands_for.start + stands_for.end) / 2;
-                    let about = sums.about(block - blocks.start, half);
-                    sums.within(&about, &mut under_sums);
+                    let about = pixels.about(block - blocks.start, half);
                     pixels.within(&about, &mut under_pixels);
+                    for (rows, under) in sums.iter().zip(under_sums.chunks_exact_mut(row)) {
+                        rows.within(&about, under);
+                    }
                     each(Filtered {
                         filter: number,
                         strand,
                         block,
                         stands_for,
+                        factors,
                         sums: &under_sums,
                         pixels: &under_pixels,
                         regions: &self.regions[self.of(block, strand)],
                     });
                 }
             }
+        }
+    }
+
+    /// Sums the scores of a factor across the wires; a place says no more than `cut` a pixel.
+    fn sum_across(&self, rows: &mut Rows, (strand, blocks): (usize, &Range<usize>), factor: usize, cut: f32) {
+        let FactorSums { both_ways, sums } = &self.factors[factor];
+        let lowest = if *both_ways { -cut } else { f32::NEG_INFINITY };
+        let within = |sum: f32, least: f32, most: f32| {
+            let sum = if sum < most { sum } else { most };
+            if sum > least { sum } else { least }
+        };
+        if factor == GRAY {
+            rows.across::<HALF_PLACES>(self, strand, blocks.clone(), |at, to| {
+                let places = to.iter_mut().zip(&sums[at.clone()]).zip(&self.counts[at]);
+                places.for_each(|((to, &sum), &n)| {
+                    *to = within(sum, if *both_ways { lowest * n } else { lowest }, cut * n)
+                });
+            });
+        } else {
+            rows.across::<HALF_PLACES>(self, strand, blocks.clone(), |at, to| {
+                to.iter_mut().zip(&sums[at]).for_each(|(to, &sum)| *to = within(sum, lowest, cut));
+            });
         }
     }
 
@@ -134,7 +186,8 @@ impl Evidence {
         let mut most = 0.0f32;
         for (strand, blocks) in self.passes(2 * half + 1) {
             let about = blocks.start.saturating_sub(half)..(blocks.end + half).min(self.blocks);
-            pixels.across::<{ SEEN_WITHIN.1 }>(self, strand, about.clone(), |_, n| n);
+            let counts = |at: Range<usize>, to: &mut [f32]| to.copy_from_slice(&self.counts[at]);
+            pixels.across::<{ SEEN_WITHIN.1 }>(self, strand, about.clone(), counts);
             for block in about.clone() {
                 pixels.within(&pixels.about(block - about.start, half), &mut under);
                 most = under.iter().copied().fold(most, f32::max);
@@ -198,51 +251,94 @@ mod tests {
         evidence
     }
 
+    /// Sums of the one factor that there is.
+    fn gray<'a>(filtered: &'a Filtered<'_>) -> &'a [f32] {
+        let [(GRAY, sums)] = filtered.sums().collect::<Vec<_>>()[..] else { panic!("{:?}", filtered.factors) };
+        sums
+    }
+
     #[test]
     fn a_filter_sums_what_lies_within_its_length_and_a_wires_width() {
         let evidence = evidence();
         let mut asked = vec![vec![0; BLOCKS]; FILTERS.len()];
-        evidence.filtered(PITCH_MM, Steps::Every, |filtered| {
-            assert_eq!((filtered.strand, &filtered.stands_for), (0, &(filtered.block..filtered.block + 1)));
-            asked[filtered.filter][filtered.block] += 1;
-            let half = half_blocks(FILTERS[filtered.filter].length_mm, 0.5);
-            let rows = filtered.block.saturating_sub(half)..(filtered.block + half + 1).min(BLOCKS);
-            for place in 0..PLACES {
-                let (mut sum, mut n) = (0.0, 0.0);
-                for block in rows.clone() {
-                    for across in place + PLACES - 2..=place + PLACES + 2 {
-                        let at = evidence.of(block, 0).start + across % PLACES;
-                        sum += evidence.sums[at].min(FILTERS[filtered.filter].cut * evidence.counts[at]);
-                        n += evidence.counts[at];
+        evidence.filtered(
+            PITCH_MM,
+            Steps::Every,
+            |_| true,
+            |filtered| {
+                assert_eq!((filtered.strand, &filtered.stands_for), (0, &(filtered.block..filtered.block + 1)));
+                asked[filtered.filter][filtered.block] += 1;
+                let half = half_blocks(FILTERS[filtered.filter].length_mm, 0.5);
+                let rows = filtered.block.saturating_sub(half)..(filtered.block + half + 1).min(BLOCKS);
+                for place in 0..PLACES {
+                    let (mut sum, mut n) = (0.0, 0.0);
+                    for block in rows.clone() {
+                        for across in place + PLACES - 2..=place + PLACES + 2 {
+                            let at = evidence.of(block, 0).start + across % PLACES;
+                            sum +=
+                                evidence.factors[GRAY].sums[at].min(FILTERS[filtered.filter].cut * evidence.counts[at]);
+                            n += evidence.counts[at];
+                        }
                     }
+                    assert!(
+                        (gray(&filtered)[place] - sum).abs() < 2e-2 && filtered.pixels[place] == n,
+                        "{place} of {filtered:?}"
+                    );
                 }
-                assert!(
-                    (filtered.sums[place] - sum).abs() < 2e-2 && filtered.pixels[place] == n,
-                    "{place} of {filtered:?}"
-                );
-            }
-            assert!(filtered.sums[PLACES..].iter().chain(&filtered.pixels[PLACES..]).all(|zero| *zero == 0.0));
-        });
+                assert!(gray(&filtered)[PLACES..].iter().chain(&filtered.pixels[PLACES..]).all(|zero| *zero == 0.0));
+            },
+        );
         // Everywhere where the strand is seen, and once.
         assert!(asked.iter().all(|blocks| (20..90).chain(150..380).all(|block| blocks[block] == 1)));
         assert!(asked.iter().all(|blocks| blocks[..20].iter().chain(&blocks[380..]).all(|times| *times == 0)));
     }
 
     #[test]
+    fn every_place_that_is_seen_counts_once_for_further_factors_and_says_no_more_than_the_cut() {
+        let mut evidence = evidence();
+        let sums = vec![-3.0; evidence.regions.len()];
+        for both_ways in [false, true] {
+            evidence.factors.push(FactorSums { both_ways, sums: sums.clone() });
+        }
+        let longest = FILTERS.len() - 1;
+        let mut met = 0;
+        evidence.filtered(
+            PITCH_MM,
+            Steps::Every,
+            |factor| factor != GRAY,
+            |filtered| {
+                if filtered.filter == longest && filtered.block == 250 {
+                    let n = 5.0 * (2 * half_blocks(FILTERS[longest].length_mm, 0.5) + 1) as f32;
+                    let of_place: Vec<(usize, f32)> = filtered.sums().map(|(factor, sums)| (factor, sums[5])).collect();
+                    assert_eq!(filtered.pixels[5], n);
+                    assert_eq!(of_place, [(1, -3.0 * n), (2, -FILTERS[longest].cut * n)]);
+                    met += 1;
+                }
+            },
+        );
+        assert_eq!(met, 1, "both together");
+    }
+
+    #[test]
     fn thinned_out_filters_say_the_same_for_all_blocks_that_they_stand_for() {
         let evidence = evidence();
         let mut every = vec![vec![Vec::new(); BLOCKS]; FILTERS.len()];
-        evidence.filtered(PITCH_MM, Steps::Every, |f| every[f.filter][f.block] = f.sums.to_vec());
+        evidence.filtered(PITCH_MM, Steps::Every, |_| true, |f| every[f.filter][f.block] = gray(&f).to_vec());
         let mut stood_for = vec![[0; FILTERS.len()]; BLOCKS];
-        evidence.filtered(PITCH_MM, Steps::Thinned, |f| {
-            assert!(
-                f.stands_for.contains(&f.block)
-                    && f.stands_for.len() as f64 * 0.5 <= (STEP_SHARE * FILTERS[f.filter].length_mm).max(0.5)
-            );
-            let exact = &every[f.filter][f.block];
-            assert_eq!(f.sums, exact);
-            f.stands_for.for_each(|block| stood_for[block][f.filter] += 1);
-        });
+        evidence.filtered(
+            PITCH_MM,
+            Steps::Thinned,
+            |_| true,
+            |f| {
+                assert!(
+                    f.stands_for.contains(&f.block)
+                        && f.stands_for.len() as f64 * 0.5 <= (STEP_SHARE * FILTERS[f.filter].length_mm).max(0.5)
+                );
+                let exact = &every[f.filter][f.block];
+                assert_eq!(gray(&f), exact);
+                f.stands_for.for_each(|block| stood_for[block][f.filter] += 1);
+            },
+        );
         assert!((20..90).chain(150..380).all(|block| stood_for[block] == [1; FILTERS.len()]));
     }
 

@@ -33,7 +33,7 @@ pub struct ViewAppearance {
 #[derive(Debug, Clone)]
 pub struct Seen {
     /// Evidence of the gray value and of every further factor.
-    pub evidence: Vec<Evidence>,
+    pub evidence: Evidence,
     /// The gray that was seen, as a picture.
     pub unrolled: Unrolled,
     /// Blocks at either end that belong to the stretches before and after it.
@@ -100,11 +100,11 @@ impl<'a> AlignedView<'a> {
     /// Evidence of the gray value and of every further factor, with the gray itself. Where gray counts nothing, its evidence tells no
     /// more than what is seen. There is room for so many blocks of the stretches before and after it, see [`fill_between`](super::margins::fill_between).
     pub fn seen_by(&self, model: &ViewAppearance, margin_blocks: usize) -> Seen {
-        let (evidence, residuals) = self.gather((&model.gray, model.judged()), margin_blocks);
-        let mut all = vec![evidence];
-        let further = FACTORS.into_iter().zip(&model.further);
-        all.extend(further.map(|(factor, usual)| Evidence::of_factor(&residuals, factor, usual)));
-        Seen { evidence: all, unrolled: residuals.into_unrolled(), margin_blocks }
+        let (mut evidence, residuals) = self.gather((&model.gray, model.judged()), margin_blocks);
+        for (factor, usual) in FACTORS.into_iter().zip(&model.further) {
+            evidence.add_factor(&residuals, factor, usual);
+        }
+        Seen { evidence, unrolled: residuals.into_unrolled(), margin_blocks }
     }
 }
 
@@ -136,12 +136,11 @@ impl ViewAppearance {
     }
 
     /// Scores the evidence of a stretch: what its factors find.
-    pub fn score(&self, evidence: &[Evidence], pitch_mm: f64) -> StretchScores {
+    pub fn score(&self, evidence: &Evidence, pitch_mm: f64) -> StretchScores {
         let of_gray = if self.judged() == Judged::Gray { 1.0 } else { 0.0 };
         let weights = std::iter::once(of_gray).chain(FACTORS.into_iter().map(Factor::weight));
-        let factors = evidence.iter().zip(&self.calibration).zip(weights);
-        let weighed = factors.map(|((evidence, calibration), weight)| Weighed { evidence, calibration, weight });
-        score(&weighed.collect::<Vec<_>>(), pitch_mm)
+        let weighed = self.calibration.iter().zip(weights).map(|(calibration, weight)| Weighed { calibration, weight });
+        score(evidence, &weighed.collect::<Vec<_>>(), pitch_mm)
     }
 }
 

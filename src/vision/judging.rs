@@ -9,6 +9,7 @@ use super::inspection_model::{Beside, Seen, ViewAppearance};
 use super::known_tail::KnownTail;
 use super::mean_filter::{MeanOf, mean_scores};
 use super::residuals::Judged;
+use super::scoring::score;
 use super::stretch_scores::{StretchScores, join_views};
 
 /// How the filters along the wires are read.
@@ -74,9 +75,9 @@ impl Judging {
             return scores;
         };
         let calibrated = view.calibration.first().and_then(|filters| filters.get(filter)).and_then(Option::as_ref);
-        match (seen.evidence.first(), calibrated) {
-            (Some(gray), Some(calibration)) => mean_scores(gray, filter, calibration.pixels, mean_of, pitch_mm),
-            _ => view.score(&[], pitch_mm), // nothing can be told
+        match calibrated {
+            Some(calibration) => mean_scores(&seen.evidence, filter, calibration.pixels, mean_of, pitch_mm),
+            None => score(&seen.evidence, &[], pitch_mm), // nothing can be told
         }
     }
 

@@ -31,7 +31,9 @@ impl Evidence {
     fn copy_blocks(&mut self, from: &Self, first: (usize, usize), count: usize) {
         let shape = |of: &Self| Shape { blocks: of.blocks, places: of.places };
         let shapes = (shape(self), shape(from));
-        copy(&mut self.sums, &from.sums, shapes, first, count);
+        for (to, from) in self.factors.iter_mut().zip(&from.factors) {
+            copy(&mut to.sums, &from.sums, shapes, first, count);
+        }
         copy(&mut self.counts, &from.counts, shapes, first, count);
         copy(&mut self.regions, &from.regions, shapes, first, count);
         self.lost[first.0..first.0 + count].copy_from_slice(&from.lost[first.1..first.1 + count]);
@@ -54,9 +56,7 @@ impl Seen {
     }
 
     fn copy_blocks(&mut self, from: &Self, first: (usize, usize), count: usize) {
-        for (to, from) in self.evidence.iter_mut().zip(&from.evidence) {
-            to.copy_blocks(from, first, count);
-        }
+        self.evidence.copy_blocks(&from.evidence, first, count);
         self.unrolled.copy_blocks(&from.unrolled, first, count);
     }
 
@@ -103,6 +103,7 @@ impl StretchScores {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::vision::evidence::GRAY;
     use crate::vision::stretch_scores::Visibility;
     use crate::vision::surface_map::PLACES_PER_WIRE;
     use crate::vision::unrolled::{FINE_PER_WIRE, GraySums};
@@ -122,14 +123,16 @@ pub(crate) mod tests {
             let gray = GraySums { deviation: (from + block) as f32 / 8.0, expected: 4.0, pixels: 1.0 };
             unrolled.take(MARGIN_BLOCKS + block, strand, &mut [gray; WIRES * FINE_PER_WIRE]);
         }
-        Seen { evidence: vec![evidence], unrolled, margin_blocks: MARGIN_BLOCKS }
+        Seen { evidence, unrolled, margin_blocks: MARGIN_BLOCKS }
     }
 
     /// What every block says, of the last place of a strand; `None` where nothing is seen.
     pub(crate) fn says(seen: &Seen, strand: usize) -> Vec<Option<f32>> {
-        let evidence = &seen.evidence[0];
+        let evidence = &seen.evidence;
         let last = |block: usize| evidence.of(block, strand).end - 1;
-        (0..evidence.blocks).map(|b| (evidence.counts[last(b)] > 0.0).then(|| evidence.sums[last(b)])).collect()
+        (0..evidence.blocks)
+            .map(|b| (evidence.counts[last(b)] > 0.0).then(|| evidence.factors[GRAY].sums[last(b)]))
+            .collect()
     }
 
     #[test]

@@ -3,8 +3,8 @@
 //! Inspections ask several filters, each calibrated on intact rope (`scoring`); this is what they are compared with.
 
 use super::calibration::LEAST_SHARE;
-use super::evidence::{Evidence, UNSEEN};
-use super::filtering::Steps;
+use super::evidence::{Evidence, GRAY, UNSEEN};
+use super::filtering::{Filtered, Steps};
 use super::stretch_scores::StretchScores;
 
 /// Least mean of normalised likelihoods: what was never seen is not infinitely rare.
@@ -41,21 +41,23 @@ pub fn mean_scores(
     let row = evidence.strands * evidence.places;
     let least = LEAST_SHARE * most_pixels as f32;
     let mut cells = vec![f32::NAN; evidence.blocks * row];
-    evidence.filtered(pitch_mm, Steps::Thinned, |filtered| {
+    let mut judge = |filtered: Filtered<'_>| {
         if filtered.filter != filter {
             return;
         }
-        for block in filtered.stands_for.clone() {
+        for (block, (_, sums)) in filtered.stands_for.clone().flat_map(|block| filtered.sums().map(move |s| (block, s)))
+        {
             let regions = &evidence.regions[evidence.of(block, filtered.strand)];
             let cells = &mut cells[evidence.of_scores(block, filtered.strand)];
-            let under = filtered.sums.iter().zip(filtered.pixels);
+            let under = sums.iter().zip(filtered.pixels);
             for ((cell, &region), (&sum, &pixels)) in cells.iter_mut().zip(regions).zip(under) {
                 if region != UNSEEN && pixels >= least && pixels > 0.0 {
                     *cell = mean_of.score(sum / pixels);
                 }
             }
         }
-    });
+    };
+    evidence.filtered(pitch_mm, Steps::Thinned, |factor| factor == GRAY, &mut judge);
     StretchScores::new(cells, evidence.visibility(pitch_mm), row, evidence.places, evidence.block_lines)
 }
 

@@ -1,6 +1,6 @@
 //! A patch of the unrolled rope about a place: three wires wide and 14 mm long, as layers that a network can look at.
 
-use super::evidence::Evidence;
+use super::evidence::{Evidence, GRAY};
 use super::factor::FACTORS;
 use super::surface_map::PLACES_PER_WIRE;
 use super::unrolled::{Gray, Unrolled};
@@ -34,8 +34,8 @@ impl Default for Patch {
 }
 
 impl Patch {
-    /// Cuts the patch about a wire of a strand in a block out of what was seen. `further` is the evidence of the further factors.
-    pub fn cut(&mut self, unrolled: &Unrolled, further: &[Evidence], block: usize, strand: usize, wire: usize) {
+    /// Cuts the patch about a wire of a strand in a block out of what was seen, and of what further factors say of it.
+    pub fn cut(&mut self, unrolled: &Unrolled, evidence: &Evidence, block: usize, strand: usize, wire: usize) {
         self.values.fill(0.0);
         let wires = unrolled.wires();
         let first_wire = wire + wires - WIRES / 2;
@@ -54,8 +54,9 @@ impl Patch {
                     }
                 }
                 values[4] = if near.is_some() { 1.0 } else { 0.0 };
-                for (value, evidence) in values[5..].iter_mut().zip(further) {
-                    *value = evidence.sums[evidence.of(block, strand).start + place] / FACTOR_SDS;
+                let at = evidence.of(block, strand).start + place;
+                for (value, factor) in values[5..].iter_mut().zip(&evidence.factors[GRAY + 1..]) {
+                    *value = factor.sums[at] / FACTOR_SDS;
                 }
             }
         }
@@ -87,9 +88,11 @@ mod tests {
         sums[2] = GraySums { deviation: -8.0, expected: 8.0, pixels: 1.0 };
         unrolled.take(5, 1, &mut sums);
         let mut evidence = Evidence::empty(5, 40, 2, WIRES_OF_STRAND * PLACES_PER_WIRE);
-        evidence.set(evidence.of(5, 1).start + 1, 3.0, 1.0, 0);
+        let mut further = evidence.factors[GRAY].clone();
+        further.sums[evidence.of(5, 1).start + 1] = 3.0;
+        evidence.factors.push(further);
         let mut patch = Patch::default();
-        patch.cut(&unrolled, &[evidence], 5, 1, 0);
+        patch.cut(&unrolled, &evidence, 5, 1, 0);
         let at = |block: usize, place: usize, layer: usize| patch.values()[(block * PLACES + place) * LAYERS + layer];
         let row = BLOCKS / 2;
         assert!((at(row, 1, 1) - 1.0).abs() < 0.05 && (at(row, 1, 3) - 1.0).abs() < 0.05, "the wire before");

@@ -16,11 +16,9 @@ const USUAL: f32 = 1.2;
 /// Farthest beyond that a single finding counts.
 const MOST: f32 = 12.0;
 
-/// The evidence of one factor, and what it takes to judge it.
-#[derive(Debug)]
+/// What it takes to judge a factor.
+#[derive(Debug, Clone, Copy)]
 pub struct Weighed<'a> {
-    /// The evidence.
-    pub evidence: &'a Evidence,
     /// Calibration of every filter; `None` for those that are not asked.
     pub calibration: &'a [Option<FilterCalibration>],
     /// What a finding counts.
@@ -58,8 +56,8 @@ impl Judge {
     /// Adds to `scores` what was found beyond the usual: minus the decimal logarithm of how often intact rope exceeds it, weighed. A
     /// score that is NaN until then becomes known; where too few pixels fell in, it stays as it is.
     #[inline(always)]
-    fn add(&self, scores: &mut [f32], filtered: &Filtered<'_>) {
-        let places = filtered.sums.as_chunks::<TOGETHER>().0.iter().zip(filtered.pixels.as_chunks::<TOGETHER>().0);
+    fn add(&self, scores: &mut [f32], sums: &[f32], filtered: &Filtered<'_>) {
+        let places = sums.as_chunks::<TOGETHER>().0.iter().zip(filtered.pixels.as_chunks::<TOGETHER>().0);
         let places = places.zip(filtered.regions.chunks(TOGETHER)).zip(scores.chunks_mut(TOGETHER));
         for (((sums, pixels), regions), scores) in places {
             if regions.iter().all(|&region| region == UNSEEN) {
@@ -89,56 +87,61 @@ fn sum_of_known(sum: f32, add: f32) -> f32 {
     if sum.is_nan() { add } else { sum + add }
 }
 
-/// Scores the evidence of a stretch, one entry a factor: what all of them find under all filters, added up.
-pub fn score(factors: &[Weighed<'_>], pitch_mm: f64) -> StretchScores {
-    let Some(first) = factors.first().map(|weighed| weighed.evidence) else {
-        return StretchScores::new(Vec::new(), Vec::new(), 1, 1, 1);
+/// Scores the evidence of a stretch: what its factors, one entry each, find under all filters, added up.
+pub fn score(evidence: &Evidence, factors: &[Weighed<'_>], pitch_mm: f64) -> StretchScores {
+    let row = evidence.strands * evidence.places;
+    let judges = |weighed: &Weighed<'_>| -> Vec<Option<Judge>> {
+        if weighed.weight <= 0.0 {
+            return Vec::new();
+        }
+        weighed.calibration.iter().map(|filter| Some(Judge::new(filter.as_ref()?, weighed.weight))).collect()
     };
-    let row = first.strands * first.places;
-    let cells = first.blocks * row;
+    let judges: Vec<Vec<Option<Judge>>> = factors.iter().map(judges).collect();
+    let asked = |factor: usize| judges.get(factor).is_some_and(|filters| filters.iter().any(Option::is_some));
     // In the order of the evidence, in which a strand's blocks lie side by side.
-    let mut found = vec![f32::NAN; cells];
-    let mut of_block = vec![f32::NAN; first.places];
-    for Weighed { evidence, calibration, weight } in factors.iter().filter(|weighed| weighed.weight > 0.0) {
-        let judges: Vec<Option<Judge>> =
-            calibration.iter().map(|c| c.as_ref().map(|c| Judge::new(c, *weight))).collect();
-        evidence.filtered(pitch_mm, Steps::Thinned, |filtered| {
-            let Some(Some(judge)) = judges.get(filtered.filter) else { return };
-            if filtered.stands_for.len() == 1 {
-                let found = &mut found[evidence.of(filtered.block, filtered.strand)];
-                wide(
-                    #[inline(always)]
-                    || judge.add(found, &filtered),
-                );
-                return;
-            }
-            of_block.fill(f32::NAN);
-            wide(
-                #[inline(always)]
-                || judge.add(&mut of_block, &filtered),
-            );
-            for block in filtered.stands_for {
-                for (score, &add) in found[evidence.of(block, filtered.strand)].iter_mut().zip(&of_block) {
-                    *score = if add.is_nan() { *score } else { sum_of_known(*score, add) };
+    let mut found = vec![f32::NAN; evidence.blocks * row];
+    let mut of_block = vec![f32::NAN; evidence.places];
+    evidence.filtered(pitch_mm, Steps::Thinned, asked, |filtered| {
+        let alone = filtered.stands_for.len() == 1;
+        let scores = if alone { &mut found[evidence.of(filtered.block, filtered.strand)] } else { &mut of_block[..] };
+        if !alone {
+            scores.fill(f32::NAN);
+        }
+        wide(
+            #[inline(always)]
+            || {
+                for (factor, sums) in filtered.sums() {
+                    if let Some(judge) = judges[factor].get(filtered.filter).and_then(Option::as_ref) {
+                        judge.add(scores, sums, &filtered);
+                    }
                 }
+            },
+        );
+        if alone {
+            return;
+        }
+        for block in filtered.stands_for {
+            for (score, &add) in found[evidence.of(block, filtered.strand)].iter_mut().zip(&of_block) {
+                *score = if add.is_nan() { *score } else { sum_of_known(*score, add) };
             }
-        });
-    }
-    let mut scored = vec![f32::NAN; cells];
-    for (strand, block) in (0..first.strands).flat_map(|strand| (0..first.blocks).map(move |block| (strand, block))) {
-        for (to, at) in scored[first.of_scores(block, strand)].iter_mut().zip(first.of(block, strand)) {
+        }
+    });
+    let mut scored = vec![f32::NAN; evidence.blocks * row];
+    let strands_and_blocks = (0..evidence.strands).flat_map(|s| (0..evidence.blocks).map(move |block| (s, block)));
+    for (strand, block) in strands_and_blocks {
+        for (to, at) in scored[evidence.of_scores(block, strand)].iter_mut().zip(evidence.of(block, strand)) {
             // What stands for its neighbours may stand for places that are not seen.
-            *to = if first.regions[at] == UNSEEN { f32::NAN } else { found[at] };
+            *to = if evidence.regions[at] == UNSEEN { f32::NAN } else { found[at] };
         }
     }
-    StretchScores::new(scored, first.visibility(pitch_mm), row, first.places, first.block_lines)
+    StretchScores::new(scored, evidence.visibility(pitch_mm), row, evidence.places, evidence.block_lines)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::vision::calibration::CalibrationSums;
-    use crate::vision::evidence::block_lines;
+    use crate::vision::evidence::{GRAY, block_lines};
 
     const PITCH_MM: f64 = 0.1;
     const PLACES: usize = 35;
@@ -147,7 +150,7 @@ mod tests {
     fn strand(seed: u32, both_ways: bool, raised: f32) -> Evidence {
         let mut state = seed;
         let mut evidence = Evidence::empty(block_lines(PITCH_MM), 900, 1, PLACES);
-        evidence.both_ways = both_ways;
+        evidence.factors[GRAY].both_ways = both_ways;
         for block in 0..evidence.blocks {
             for place in 0..PLACES {
                 state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -161,10 +164,9 @@ mod tests {
 
     /// Highest score of the run, and of the rest.
     fn scores(both_ways: bool, raised: f32) -> (f32, f32) {
-        let calibration = CalibrationSums::of(&strand(7, both_ways, 0.0), 0, PITCH_MM).calibrate().unwrap();
-        let evidence = strand(8, both_ways, raised);
-        let weighed = Weighed { evidence: &evidence, calibration: &calibration, weight: 1.0 };
-        let blocks = score(&[weighed], PITCH_MM).highest();
+        let sums = CalibrationSums::of(&strand(7, both_ways, 0.0), 0, PITCH_MM).remove(GRAY);
+        let weighed = Weighed { calibration: &sums.calibrate().unwrap(), weight: 1.0 };
+        let blocks = score(&strand(8, both_ways, raised), &[weighed], PITCH_MM).highest();
         let highest = |blocks: &[f32]| blocks.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         (highest(&blocks[605..615]), highest(&blocks[..580]))
     }
