@@ -140,6 +140,7 @@ mod tests {
             first_line: 40,
             last_line: 49,
             clear: true,
+            runs: Vec::new(),
             lines: (40..50).collect(),
         };
         let scores = vec![(0..100).map(f64::from).collect(), vec![0.0; 100]];

@@ -94,6 +94,7 @@ mod tests {
             first_line: 900,
             last_line: 999,
             clear: true,
+            runs: Vec::new(),
             lines: (900..1000).collect(),
         };
         let found = curves(&[scores], &[sighting], &[classes], 0);

@@ -2,6 +2,7 @@
 
 use super::labels::{MARGIN_LINES, Sighting};
 use super::table::EvaluateError;
+use super::told_apart::told_apart;
 use super::truth::read_json;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -19,6 +20,8 @@ pub struct Decisions {
     pub clear_defects: usize,
     /// Those of them that some alarm touches.
     pub found: usize,
+    /// Those of them that have a reported defect of their own, see `told_apart`.
+    pub told_apart: usize,
     /// Reported defects that touch no label.
     pub false_defects: usize,
     /// Metres of rope.
@@ -31,14 +34,16 @@ pub struct Decisions {
 
 #[derive(Deserialize)]
 pub(super) struct ReportedDefect {
-    alarms: Vec<ReportedAlarm>,
+    pub alarms: Vec<ReportedAlarm>,
 }
 
 #[derive(Deserialize)]
-struct ReportedAlarm {
-    view: usize,
-    first_line: usize,
-    last_line: usize,
+pub(super) struct ReportedAlarm {
+    pub view: usize,
+    pub first_line: usize,
+    pub last_line: usize,
+    pub first_column: Option<usize>,
+    pub last_column: Option<usize>,
 }
 
 /// Scores `RESULTS/defects.json`; `None` without the file.
@@ -69,6 +74,7 @@ pub fn score(
         reported: reported.len(),
         clear_defects: clear.len(),
         found: touched.intersection(&clear).count(),
+        told_apart: told_apart(&reported, sightings, &clear),
         false_defects,
         metres: lines as f64 * line_pitch_mm / 1000.0,
         false_per_100m: false_defects as f64 / (lines as f64 * line_pitch_mm / 1e5),

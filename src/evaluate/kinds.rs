@@ -64,7 +64,17 @@ mod tests {
     fn sighting(defect: usize, kind: &str, first_line: usize) -> Sighting {
         let lines = (first_line..first_line + 50).collect();
         let last_line = first_line + 49;
-        Sighting { defect, kind: kind.into(), severity: 1.0, view: 0, first_line, last_line, clear: true, lines }
+        Sighting {
+            defect,
+            kind: kind.into(),
+            severity: 1.0,
+            view: 0,
+            first_line,
+            last_line,
+            clear: true,
+            runs: Vec::new(),
+            lines,
+        }
     }
 
     #[test]

@@ -20,7 +20,18 @@ struct LabelFile {
     view: usize,
     first_line: usize,
     last_line: usize,
+    first_column: Option<usize>,
+    last_column: Option<usize>,
     clear: Option<bool>,
+}
+
+/// Where one label marks a defect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Run {
+    /// First and last line.
+    pub lines: (usize, usize),
+    /// First and last column; `None` if the label does not say.
+    pub columns: Option<(usize, usize)>,
 }
 
 /// A defect as seen in one view: all of its runs.
@@ -40,6 +51,8 @@ pub struct Sighting {
     pub last_line: usize,
     /// Whether every inspector would mark it (any of its runs).
     pub clear: bool,
+    /// Its runs, in the order of the labels.
+    pub runs: Vec<Run>,
     /// Lines of its runs, ascending.
     pub lines: Vec<usize>,
 }
@@ -111,6 +124,7 @@ pub fn read_sightings(
                     first_line: label.first_line,
                     last_line,
                     clear: false,
+                    runs: Vec::new(),
                     lines: Vec::new(),
                 });
                 sightings.last_mut().unwrap_or_else(|| unreachable!("just pushed"))
@@ -119,6 +133,8 @@ pub fn read_sightings(
         sighting.first_line = sighting.first_line.min(label.first_line);
         sighting.last_line = sighting.last_line.max(last_line);
         sighting.clear |= label.clear.unwrap_or(true);
+        let columns = label.first_column.zip(label.last_column);
+        sighting.runs.push(Run { lines: (label.first_line, last_line), columns });
         sighting.lines.extend(label.first_line..last_line + 1);
     }
     for sighting in &mut sightings {

@@ -17,6 +17,7 @@ pub mod report; // everything together, as JSON and for people
 pub mod roc; // line scores against labels
 pub mod shape; // true diameter, ovality and looseness
 pub mod table; // CSV, row by row
+mod told_apart; // defects with a report of their own
 pub mod truth; // what the recording says of itself
 
 pub use report::{Evaluation, evaluate};

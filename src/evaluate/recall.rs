@@ -78,6 +78,7 @@ mod tests {
             first_line: 10,
             last_line: 13,
             clear: true,
+            runs: Vec::new(),
             lines: vec![10, 11, 12, 13],
         };
         let mut first = vec![0.0; 100];

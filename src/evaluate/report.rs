@@ -121,6 +121,7 @@ impl fmt::Display for Evaluation {
         if let Some(d) = &self.detection.decisions {
             writeln!(f, "\nDecisions")?;
             writeln!(f, "  {} of {} clear defects found; {} reported", d.found, d.clear_defects, d.reported)?;
+            writeln!(f, "  {} of them by a report of their own", d.told_apart)?;
             writeln!(f, "  {} false, {:.1} per 100 m", d.false_defects, d.false_per_100m)?;
             writeln!(f, "  {:.2} m of {:.2} m to inspect again", d.metres_to_reinspect, d.metres)?;
         }

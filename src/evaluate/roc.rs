@@ -241,6 +241,7 @@ mod tests {
             first_line: 0,
             last_line: 2,
             clear: true,
+            runs: Vec::new(),
             lines: vec![0, 1, 2],
         };
         assert_eq!(recovery_threshold(&sighting, &[9.0, f64::NAN, f64::NAN]), f64::NEG_INFINITY);
