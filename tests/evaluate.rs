@@ -35,7 +35,10 @@ fn figures_agree_with_the_reference_scorer() {
     for skip in [0, 400] {
         let expected = std::fs::read_to_string(folder().join(format!("expected_skip_{skip}.json"))).unwrap();
         let evaluation = evaluate(&folder().join("recording"), &folder().join("results"), skip).unwrap();
-        let found = serde_json::to_value(&evaluation).unwrap();
+        let mut found = serde_json::to_value(&evaluation).unwrap();
+        // The reference looks at lines only; all made-up alarms lie at the edge of the image, where no label is.
+        let told_apart = found["detection"]["decisions"].as_object_mut().unwrap().remove("told_apart");
+        assert_eq!(told_apart, Some(0.into()));
         assert_same(&serde_json::from_str(&expected).unwrap(), &found, &format!("skip {skip}"));
     }
 }
