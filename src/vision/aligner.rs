@@ -16,7 +16,7 @@ use super::image::GrayImage;
 use super::lock::{Lock, lock};
 use super::lost_lines::{LineWatch, Loss};
 use super::measured::{Measured, Views};
-use super::measuring::{learn_template, measure, measure_wires, read_wires};
+use super::measuring::{Looking, learn_template, measure, measure_wires, read_wires};
 use super::stretch::{StrandKnots, ViewStretch};
 use super::wire_prediction::WirePrediction;
 use rayon::prelude::*;
@@ -307,7 +307,7 @@ impl Aligner {
         }
         self.lost = 0;
         let before: Vec<&Measured> = self.window.iter().collect();
-        measure(&self.spec, views, &mut seen, &before, &self.wires);
+        measure(&self.spec, views, &mut seen, &before, &self.wires, Looking::Last);
         read_wires(&self.spec, views, &mut seen, &self.wires);
         learn_template(&self.spec, views, &seen);
         measure_wires(&self.spec, views, &mut seen, &self.wires);

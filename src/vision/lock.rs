@@ -5,7 +5,7 @@ use super::courses::strand_courses;
 use super::first_views::{first_views, place_cameras};
 use super::fitting::fit_from;
 use super::measured::{Measured, Views};
-use super::measuring::measure;
+use super::measuring::{Looking, measure};
 use super::noise_scale::{normalised, residual_scale};
 use super::reference::Reference;
 use super::self_likeness::likest;
@@ -29,6 +29,7 @@ pub(super) struct Lock {
 
 /// Locks on the gathered stretches and measures them all. `None` if no stretch shows a rope; then every fit says why.
 pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Measured]) -> Option<Lock> {
+    use Looking::{First, Last};
     let mut views = match known {
         Some(views) => views,
         None => first_views(spec, gathered),
@@ -40,7 +41,7 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
         place_cameras(spec, &mut views, gathered);
         fit_all(&spec_now, &views.models, gathered)?;
         sharpen(spec, &mut views, gathered);
-        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone(), First);
         first_templates(spec, &mut views, gathered);
         if spec.rope.design().strand_lay_mm.is_none() && wrong_hand(&views) {
             // The strands slant the other way: mirror the search. Contours alone could not tell.
@@ -49,27 +50,27 @@ pub(super) fn lock(spec: &AlignerSpec, known: Option<Views>, gathered: &mut [Mea
             fit_all(&spec_now, &views.models, gathered)?;
             sharpen(&spec_now, &mut views, gathered);
             views.models.iter_mut().for_each(|m| m.template = None);
-            measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+            measure_all(spec, &mut views, gathered, &|_| unknown.clone(), First);
             first_templates(spec, &mut views, gathered);
         }
         // Contours alone had to tell so far.
         gathered.iter_mut().for_each(|measured| measured.reference = None);
-        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone(), First);
         first_templates(spec, &mut views, gathered);
-        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone(), First);
         lock_wires(spec, &mut views, gathered);
         // With the wires known, their pattern is learnt and taken out, and everything is measured again.
         for _ in 0..ROUNDS {
             let predictions = learn_patterns(spec, &mut views, gathered);
-            measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+            measure_all(spec, &mut views, gathered, &|k| predictions[k].clone(), First);
             first_templates(spec, &mut views, gathered);
             calibrate_strands(spec, &mut views, gathered);
         }
         let predictions = learn_patterns(spec, &mut views, gathered);
-        measure_all(spec, &mut views, gathered, &|k| predictions[k].clone());
+        measure_all(spec, &mut views, gathered, &|k| predictions[k].clone(), Last);
         views.found_axis_px = (0..views.models.len()).map(|v| mean_axis_px(gathered, v)).collect();
     } else {
-        measure_all(spec, &mut views, gathered, &|_| unknown.clone());
+        measure_all(spec, &mut views, gathered, &|_| unknown.clone(), Last);
     }
     let wires = lock_wires(spec, &mut views, gathered);
     Some(Lock { views, wires })
@@ -181,17 +182,18 @@ fn wrong_hand(views: &Views) -> bool {
     slants.iter().sum::<f64>() > 0.0
 }
 
-/// Measures every stretch; `wires(k)` are those expected in stretch k.
+/// Measures every stretch, `looking` so closely; `wires(k)` are those expected in stretch k.
 fn measure_all(
     spec: &AlignerSpec,
     views: &mut Views,
     gathered: &mut [Measured],
     wires: &dyn Fn(usize) -> Vec<Option<WirePrediction>>,
+    looking: Looking,
 ) {
     for k in 0..gathered.len() {
         let (before, rest) = gathered.split_at_mut(k);
         let before: Vec<&Measured> = before.iter().rev().take(2).rev().collect();
-        measure(spec, views, &mut rest[0], &before, &wires(k));
+        measure(spec, views, &mut rest[0], &before, &wires(k), looking);
     }
 }
 
