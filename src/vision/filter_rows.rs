@@ -19,7 +19,7 @@ pub(super) struct Rows {
 
 impl Rows {
     /// Sums over `HALF` places to either side of every place of a strand, and over all blocks before. `read` writes the values of the places of a
-    /// row of the evidence; it is marked `#[inline(always)]`.
+    /// row of the evidence; it is so small that it is inlined.
     pub fn across<const HALF: usize>(
         &mut self,
         evidence: &Evidence,

@@ -90,7 +90,7 @@
 //! - [`residuals`]: what deviates from the expected gray; `gathering` reads it from the pixels, `expected_row` what they are expected to be;
 //!   loops over so many of them are `wide`
 //! - [`evidence`]: scores on the unrolled rope
-//! - [`filtering`]: their sums along the wires
+//! - [`filtering`]: their sums along the wires; `visibility`: how well a view sees a place
 //! - [`calibration`]: how those lie on intact rope, learnt from evidence that was held back ([`kept_evidence`])
 //! - [`scoring`]: sums made comparable, and what all factors say of a place
 //! - [`closer_look`]: damage told from what lies on the rope, by the [`patch`] about what was found: gray of the unrolled rope
@@ -186,6 +186,7 @@ pub mod template;
 pub mod unrolled;
 pub mod unwrapping;
 pub mod usual;
+mod visibility;
 mod wide;
 mod width;
 pub mod wire;
